@@ -13,6 +13,7 @@ struct Command {
 };
 
 Command addRenderCommand(CLI::App& app);      // makes a mission folder
+Command addControlCommand(CLI::App& app);     // surveys points on a dive's seafloor
 Command addKeysCommand(CLI::App& app);        // prints every key of a scenario
 Command addScoreCommand(CLI::App& app);       // how far what was estimated lies from the truth
 Command addChannelCommand(CLI::App& app);     // relays frames through simulated water

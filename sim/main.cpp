@@ -25,9 +25,9 @@ int run(int argc, char** argv) {
 
   std::vector<sim::Command> commands;
   for (const auto add :
-       {sim::addRenderCommand, sim::addKeysCommand, sim::addScoreCommand, sim::addChannelCommand,
-        sim::addCameraCommand, sim::addPictureCommand, sim::addBoardsCommand, sim::addHilCommand,
-        sim::addHilCompareCommand, sim::addReplayCommand, sim::addCampaignCommand})
+       {sim::addRenderCommand, sim::addControlCommand, sim::addKeysCommand, sim::addScoreCommand,
+        sim::addChannelCommand, sim::addCameraCommand, sim::addPictureCommand, sim::addBoardsCommand,
+        sim::addHilCommand, sim::addHilCompareCommand, sim::addReplayCommand, sim::addCampaignCommand})
     commands.push_back(add(app));
   app.set_version_flag("--version", versionLine("fathom-sim"));
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;

@@ -126,6 +126,7 @@ const Survey& Dive::survey() {
   });
   survey_ = loadBlock<Survey>(file, "survey");
   survey_content_ = file.content();
+  if (input_.control) (void)sightingsOf(*input_.control, survey_->list);  // what is wrong is said early
   for (const ImagePair& pair : survey_->list.pairs)
     image_identities_.push_back(input_.imageIdentity(pair.left, pair.right));
   return *survey_;
@@ -203,20 +204,28 @@ const SlamResult* Dive::localised() {
           return plane && reader->readLeft(survey_->list.pairs[pair]) ? reader->correctLeft(*plane)
                                                                       : ImageView();
         };
-      const SlamResult slam = input_.navigated
-                                  ? localise(input_.mission, input_.rig, config_, *survey_, groups, images)
-                                  : localiseFreely(input_, config_, *survey_, groups, images);
+      const SlamResult slam = input_.navigated ? localise(input_, config_, *survey_, groups, images)
+                                               : localiseFreely(input_, config_, *survey_, groups, images);
       saveSlam(out, slam);
       return slam.seconds;
     });
     slam_ = loadSlam(file);
     slam_->seconds = store_.costs(nameOf(Stage::kLocalise))["all"];
     poses.add(file.content());
+    grow(slam_->control.scale);
   }
   poses_content_ = poses.finish();
   localised_ = true;
   T_nav_cam_ = cameraPoses(this->poses(), input_.mission.T_body_cam);
   return slam_ ? &*slam_ : nullptr;
+}
+
+// Control points found all that images measured to be so many times as large.
+void Dive::grow(double scale) {
+  input_.rig = grown(input_.rig, scale);
+  prepared_->setScale(scale);
+  for (auto& plane : survey_->planes)
+    if (plane) plane->distance *= scale;
 }
 
 const std::vector<NavigatedPose>& Dive::poses() {

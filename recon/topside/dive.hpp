@@ -64,7 +64,7 @@ class Dive {
   const std::vector<TilePlaces>& levels();
   void make(Stage stage);
 
-  // Its rig is, from lighting on, as this dive shows it.
+  // Its rig is, from lighting on, as this dive shows it, and from localisation on as control points do.
   [[nodiscard]] const MissionInput& input() const { return input_; }
   [[nodiscard]] const RigFinding& rigFinding() const { return rig_finding_; }  // after lighting
   [[nodiscard]] const TopsideConfig& config() const { return config_; }
@@ -85,6 +85,7 @@ class Dive {
   WorkFile single(Stage stage, const Digest& key, const std::function<Costs(WorkFileWriter&)>& make);
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
   std::vector<StageTask> pieceTasks();
+  void grow(double scale);
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;
 

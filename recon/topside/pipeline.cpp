@@ -19,6 +19,7 @@
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"
 #include "recon/topside/rasters/layer_set.hpp"
+#include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/report.hpp"
 #include "recon/topside/report/slam_json.hpp"
@@ -166,7 +167,10 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
 std::vector<std::string> toKnow(const MissionInput& input, const RunRecord& record,
                                 const FuseCounts& counts) {
   std::vector<std::string> out;
-  if (record.slam != nullptr) out = slamWarnings(*record.slam);
+  if (record.slam != nullptr) {
+    out = slamWarnings(*record.slam);
+    if (const auto sentence = controlSentence(record.slam->control)) out.push_back(*sentence);
+  }
   if (const auto warning = warningOf(record.rig)) out.push_back(*warning);
   if (counts.unreadable > 0)
     out.push_back(std::to_string(counts.unreadable) +

@@ -11,6 +11,7 @@
 #include "recon/calibration/epipolar_check.hpp"
 #include "recon/geometry/mesh_io.hpp"
 #include "recon/geometry/rigid_alignment.hpp"
+#include "sim/mission/control_maker.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/reef_quick.hpp"
@@ -87,6 +88,64 @@ TEST_F(ReefQuick, ImagesAloneGiveTheTrajectoryAsWellAsWithNavigation) {
   std::printf("cameras off the truth: %.1f mm with navigation, %.1f mm without\n", 1e3 * navigated,
               1e3 * error);
   EXPECT_LT(error, 0.0136);  // twice what was measured
+}
+
+// Positions of the cameras as they are: root mean square of what they are off [m].
+double absoluteError(const io::StereoPoseFile& estimate, const io::StereoPoseFile& named) {
+  const auto truth = io::readTrajectory(kReefMission / "truth" / "trajectory.csv");
+  const SE3 T_body_cam = io::readMissionConfig(kReefMission).T_body_cam;
+  double squares = 0;
+  for (const io::StereoPose& pose : estimate.poses) {
+    const auto same = std::find_if(named.poses.begin(), named.poses.end(),
+                                   [&](const auto& other) { return other.left_image == pose.left_image; });
+    squares += (pose.T_nav_cam.translation() - (truePoseAt(truth, same->utc_s) * T_body_cam).translation())
+                   .squaredNorm();
+  }
+  return std::sqrt(squares / static_cast<double>(estimate.poses.size()));
+}
+
+// Images alone, through a calibration whose baseline is 0.6 % too short.
+TEST_F(ReefQuick, ControlPointsAndScaleBarsPlaceTurnAndScaleWhatImagesJoin) {
+  RunPlaces places = placesOf("held");
+  StereoRig rig = readStereoCalib(kReefMission / "stereo.calib");
+  constexpr double kShort = 1.006;
+  rig.T_right_left = SE3(rig.T_right_left.rotation(), rig.T_right_left.translation() / kShort);
+  places.input.calib = dive() / "short.calib";
+  writeStereoCalib(places.input.calib, rig);
+  places.input.control = out_->path() / "control";
+  sim::ControlMakerOptions survey;
+  survey.out = places.input.control;
+  survey.checks = 8;
+  survey.bars = 2;
+  (void)sim::makeControl(kReefMission, survey);
+  std::string marks = test::readText(survey.out / "marks.csv");
+  const auto recorded = io::readStereoPoses(run().out / "stereo_pose_est.data");
+  for (std::size_t k = 0; k < recorded.poses.size(); ++k)
+    for (const auto name : {&io::StereoPose::left_image, &io::StereoPose::right_image}) {
+      const std::string there = std::filesystem::path(recorded.poses[k].*name).filename().string();
+      for (auto at = marks.find(there); at != std::string::npos; at = marks.find(there))
+        marks.replace(at, there.size(), poses_.poses[k].*name);
+    }
+  test::writeText(survey.out / "marks.csv", marks);
+  const Summary held = runTopside(places, {});
+  const double error = absoluteError(io::readStereoPoses(places.out / "stereo_pose_est.data"), poses_);
+  const nlohmann::json report = nlohmann::json::parse(test::readText(places.out / "report.json")),
+                       control = report["localisation"]["control"];
+  std::printf("cameras off the truth: %.1f mm; scale %.5f, sigma %.5f\n", 1e3 * error,
+              control["scale"].get<double>(), control["scale_sigma"].get<double>());
+  EXPECT_LT(error, 0.03);
+  EXPECT_NEAR(control["scale"].get<double>(), kShort, 3 * control["scale_sigma"].get<double>());
+  int far = 0, checks = 0;
+  for (const auto& point : control["points"]) {
+    if (point["use"] != "check") continue;
+    for (int i = 0; i < 3; ++i, ++checks)
+      far += std::abs(point["off_m"][i].get<double>()) > 2 * point["sigma_m"][i].get<double>() ? 1 : 0;
+  }
+  EXPECT_EQ(checks, 24);
+  EXPECT_LE(far, 3) << control["points"];
+  EXPECT_NEAR(held.area, done_.area, 0.05 * done_.area);
+  EXPECT_THAT(held.to_know, testing::Contains(testing::HasSubstr("check points are")));
+  EXPECT_THAT(test::readText(places.out / "report.html"), testing::HasSubstr("sigma north [mm]"));
 }
 
 // A rig knocked by 0.2 degrees, and focal lengths 0.3 % off.

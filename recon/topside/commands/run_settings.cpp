@@ -48,6 +48,10 @@ void addPoseSettings(CLI::App& command, RunSettings& s) {
                   "how the cameras are turned from looking straight down, top of the image forward: "
                   "ROLL,PITCH,HEADING [deg], and X,Y,Z in the vehicle [m]")
       ->delimiter(',');
+  command.add_option(
+      "--control", input.control,
+      "folder of control points, check points and scale bars (MISSION/control, if it is there)");
+  command.add_option("--control-crs", input.control_crs, "of their eastings and northings, as EPSG:32755");
   addSampleOptions(command, input.left_format, input.right_format);
   command.add_flag("--verify", input.verify, "tell images apart by content, not by size and time");
 }

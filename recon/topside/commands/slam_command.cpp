@@ -15,6 +15,7 @@
 #include "recon/topside/dive.hpp"
 #include "recon/topside/input/seed_plane.hpp"
 #include "recon/topside/report/consistency.hpp"
+#include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
 #include "recon/topside/report/slam_page.hpp"
@@ -79,6 +80,7 @@ void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
       "%zu poses, %zu odometry links, %zu closures of %zu tried (%zu taken out again); moved %.3f m rms\n",
       posed.size(), slam.odometry.size(), kept, slam.tried.size(), slam.closures.size() - kept,
       slam.moved_rms);
+  if (const auto sentence = controlSentence(slam.control)) std::printf("%s\n", sentence->c_str());
   for (const std::string& warning : slamWarnings(slam)) std::fprintf(stderr, "%s\n", warning.c_str());
 }
 

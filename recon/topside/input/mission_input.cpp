@@ -210,7 +210,9 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
     note(
         "the cameras look straight down, top of the image forward, at the vehicle's reference point "
         "(--mount)");
-  const auto origin = in.nav_data ? originOf(*in.nav_data) : in.navigated ? firstFix(in.paths) : std::nullopt;
+  auto origin = in.nav_data ? originOf(*in.nav_data) : in.navigated ? firstFix(in.paths) : std::nullopt;
+  if (const auto first = in.control ? in.control->firstOnEarth() : std::nullopt; first && !origin)
+    origin = originNear(*first);
   in.placed = origin.has_value();
   m.origin = origin.value_or(m.origin);
   constexpr double kDegree = std::numbers::pi / 180;
@@ -220,10 +222,22 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
            : "nobody says where on the Earth the dive was: it has metres of its own, and tables no latitude");
   if (in.navigated)
     note("declination and time offsets are 0");
-  else if (!in.nav_data)
+  else if (!in.nav_data && !in.control)
     note(
         "no navigation: poses are from the images alone; the model is level on its own plane, its north is "
         "the top of the first image, its depth 0 that of the first camera");
+}
+
+void takeControl(MissionInput& in, const InputOptions& options) {
+  const fs::path own = in.paths.root / "control";
+  if (options.control.empty() && !fs::is_directory(own)) return;
+  const fs::path& folder = options.control.empty() ? own : options.control;
+  if (in.given_poses)
+    throw InputError(
+        folder.string(), "",
+        "holds control points, which poses that are given (--poses) leave nothing to do for; take "
+        "away one of them");
+  in.control = readControlPoints(folder, options.control_crs);
 }
 
 void digestFile(Hasher& hasher, const fs::path& path) {
@@ -314,7 +328,9 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   const Calibration calibration = readCalibration(in.paths.calib(), options.calib_unit);
   in.rig = calibration.rig;
   if (!calibration.about.empty()) in.assumed.push_back("calibration: " + calibration.about);
+  takeControl(in, options);
   if (!in.described) assumeMission(in, options);
+  if (in.control) in.control->placeAbout(in.mission.origin);
   takeSizes(in.rig, in.paths.calib(), {0, 0}, {0, 0});
   if (in.rig.left.port) in.assumed.push_back("flat ports: " + portsBeside(in.paths.calib()).string());
 

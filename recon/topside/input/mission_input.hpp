@@ -9,6 +9,7 @@
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/topside/input/control/control_points.hpp"
 #include "recon/topside/input/images/image_samples.hpp"
 #include "recon/topside/input/images/stereo_files.hpp"
 #include "recon/topside/input/nav_files/nav_data.hpp"
@@ -20,7 +21,9 @@ struct InputOptions {
   std::filesystem::path calib = {};       // instead of the folder's own, in any form of readCalibration()
   std::optional<double> calib_unit = {};  // of its lengths [m], where it does not say
   std::filesystem::path poses = {};  // stereo_pose_est.data: poses are taken from there, nothing is localised
-  bool verify = false;               // images are told apart by content, not by name, size and time of change
+  std::filesystem::path control = {};  // of control points; none: the folder's control/, where there is one
+  std::string control_crs = {};        // of their eastings and northings, as EPSG:32755
+  bool verify = false;  // images are told apart by content, not by name, size and time of change
   // Of a folder without mission.toml.
   StereoFileOptions files = {};                             // without images: those in the folder
   std::string left_format = "auto", right_format = "auto";  // of sampleNames()
@@ -38,6 +41,7 @@ struct MissionInput {
   std::optional<Eigen::Matrix3d> colours;  // of the left camera, to sRGB: see colour_matrix.hpp
   bool features_only = false;
   std::optional<io::StereoPoseFile> given_poses;
+  std::optional<ControlPoints> control;
   std::vector<std::string> assumed;  // what no file says, a line each
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
   // they hold.

@@ -12,6 +12,7 @@
 #include "recon/slam/batch_solver.hpp"
 #include "recon/slam/sensor_factors.hpp"
 #include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/control_network.hpp"
 #include "recon/topside/localise/ground_steps.hpp"
 #include "recon/topside/localise/known_places.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
@@ -41,6 +42,11 @@ class FreePoses {
   [[nodiscard]] const std::vector<slam::NavigationLink>& links() const { return links_; }
   [[nodiscard]] std::size_t odometryLinks() const { return odometry_; }
   [[nodiscard]] const KnownPlaces& places() const { return places_; }
+  // Frames that links join, by their first.
+  struct Part {
+    std::vector<std::uint32_t> frames;
+    bool placed = false;  // navigation or control points say where
+  };
   std::vector<SlamResult::Tried> tried;
   std::array<std::size_t, closure::kRefusals> refused{};
   bool converged = true;
@@ -114,34 +120,54 @@ class FreePoses {
     return topside::bundled(rig_, config, survey_, frames_, images, links_, poses_, [&] { solve(); });
   }
 
-  // Frames that links join, by their first.
-  struct Part {
-    std::vector<std::uint32_t> frames;
-    bool placed = false;  // navigation says where
-  };
+  // Brings arranged parts to control points, at the scale that these, and bars, tell.
+  ControlResult hold(ControlNetwork& control, std::vector<Part>& parts, double scale_sigma) {
+    std::vector<std::vector<std::uint32_t>> frames;
+    for (const Part& part : parts) frames.push_back(part.frames);
+    const double scale = control.scaleAt(frames, poses_);
+    for (Part& part : parts) {
+      for (const std::uint32_t k : part.frames)
+        poses_[k] = SE3(poses_[k].rotation(), scale * poses_[k].translation());
+      const auto motion = control.motionOf(part.frames, poses_, !places_.any());
+      if (!motion) continue;
+      for (const std::uint32_t k : part.frames) poses_[k] = *motion * poses_[k];
+      part.placed = true;
+    }
+    KnownPlaces::Placed network = placed(parts);
+    ControlNetwork::Solved solved{&network.graph, {}, 0, {}, scale_sigma, scale};
+    for (std::size_t k = 0; k < poses_.size(); ++k) solved.nodes.push_back(static_cast<int>(k) + 1);
+    const auto kept = std::count_if(links_.begin(), links_.end(), [](const auto& link) { return link.kept; });
+    for (std::ptrdiff_t k = 0; k < kept; ++k) solved.visual.push_back(static_cast<std::size_t>(k));
+    ControlResult out = control.adjust(solved);
+    converged = out.converged;
+    takePoses(network.graph);
+    standApart(parts);
+    for (slam::NavigationLink& link : links_)
+      link.T_a_b = SE3(link.T_a_b.rotation(), out.scale * link.T_a_b.translation());
+    return out;
+  }
+
   // Their frames' poses are level afterwards: where navigation has them, the others beside, east of all.
   std::vector<Part> arrange() {
     std::map<std::uint32_t, Part> by_root;
     for (std::uint32_t k = 0; k < poses_.size(); ++k) by_root[parts_.root(k)].frames.push_back(k);
     std::vector<Part> parts;
-    std::vector<std::uint32_t> firsts;
     for (auto& [root, part] : by_root) {
       const KnownPlaces::Motion motion = places_.motionOf(part.frames, poses_);
       for (const std::uint32_t k : part.frames) poses_[k] = motion.T_nav_part * poses_[k];
       part.placed = motion.placed;
-      firsts.push_back(part.frames.front());
       parts.push_back(std::move(part));
     }
-    if (places_.any()) {
-      slam::PoseGraph graph = linked();
-      converged = places_.improve(graph, firsts);
-      poses_ = graph.poses;
-    }
+    if (places_.any()) (void)placed(parts);
+    standApart(parts);
+    return parts;
+  }
+  // Those that are nowhere, east of the others.
+  void standApart(const std::vector<Part>& parts) {
     std::optional<double> east;
     for (const bool placed : {true, false})
-      for (Part& part : parts)
+      for (const Part& part : parts)
         if (part.placed == placed) east = standAside(part, east);
-    return parts;
   }
 
  private:
@@ -173,6 +199,19 @@ class FreePoses {
     const SE3 aside(Eigen::Quaterniond::Identity(), {0, *edge + kGap - low, 0});
     for (const std::uint32_t k : part.frames) poses_[k] = aside * poses_[k];
     return high + *edge + kGap - low;
+  }
+
+  // The network of arranged parts in nav, solved with what navigation says.
+  KnownPlaces::Placed placed(const std::vector<Part>& parts) {
+    std::vector<std::uint32_t> firsts;
+    for (const Part& part : parts) firsts.push_back(part.frames.front());
+    KnownPlaces::Placed out = places_.improved(linked(), firsts);
+    converged = out.converged;
+    takePoses(out.graph);
+    return out;
+  }
+  void takePoses(const slam::PoseGraph& in_nav) {
+    std::copy_n(in_nav.poses.begin() + 1, poses_.size(), poses_.begin());
   }
 
   // Of the links that are kept.
@@ -352,7 +391,13 @@ SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config
   out.seconds["closures"] = watch.lap();
   out.bundled = free.bundled(config, images);
   out.seconds["bundle"] = watch.lap();
-  for (const auto& [members, placed] : free.arrange()) {
+  std::vector<FreePoses::Part> parts = free.arrange();
+  if (input.control) {
+    ControlNetwork control(*input.control, sightingsOf(*input.control, survey.list), input.rig, frames);
+    out.control = free.hold(control, parts, config.navigation.rig.scale);
+    out.seconds["control"] = watch.lap();
+  }
+  for (const auto& [members, placed] : parts) {
     SlamResult::Part& part = out.parts.emplace_back();
     part.placed = placed;
     for (const std::uint32_t k : members) part.pairs.push_back(frames.pair[k]);

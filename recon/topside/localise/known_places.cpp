@@ -178,16 +178,19 @@ slam::RelativePose KnownPlaces::measured(std::uint32_t frame, const SE3& T_nav_c
   return edge;
 }
 
-bool KnownPlaces::improve(slam::PoseGraph& graph, std::span<const std::uint32_t> firsts) {
+KnownPlaces::Placed KnownPlaces::improved(const slam::PoseGraph& graph,
+                                          std::span<const std::uint32_t> firsts) {
   constexpr int kRounds = 4;
   std::vector<bool> used(known_.size());
   for (std::size_t k = 0; k < known_.size(); ++k) used[k] = known_[k].north_east.has_value();
   const auto given = static_cast<std::size_t>(std::count(used.begin(), used.end(), true));
-  bool converged = true;
+  Placed out;
+  std::vector<SE3> poses = graph.poses;
   for (int round = 0; round < kRounds; ++round) {
-    slam::PoseGraph whole;  // its first pose is nav, which is held
+    slam::PoseGraph& whole = out.graph;
+    whole = {};
     whole.poses.emplace_back();
-    whole.poses.insert(whole.poses.end(), graph.poses.begin(), graph.poses.end());
+    whole.poses.insert(whole.poses.end(), poses.begin(), poses.end());
     for (std::size_t k = 0; k < whole.poses.size(); ++k) whole.ids.push_back(static_cast<std::int64_t>(k));
     for (slam::RelativePose edge : graph.edges) {
       ++edge.from;
@@ -195,23 +198,23 @@ bool KnownPlaces::improve(slam::PoseGraph& graph, std::span<const std::uint32_t>
       whole.edges.push_back(edge);
     }
     for (std::uint32_t k = 0; k < known_.size(); ++k) {
-      slam::RelativePose edge = measured(k, graph.poses[k], used[k]);
+      slam::RelativePose edge = measured(k, poses[k], used[k]);
       if (!edge.information.isZero(0)) whole.edges.push_back(edge);
     }
     Vector6d hold;
     hold << Eigen::Vector3d::Constant(weight(kAnyPlace)), Eigen::Vector3d::Constant(weight(kAnyTurn));
     for (const std::uint32_t first : firsts)
-      whole.edges.push_back({0, static_cast<int>(first) + 1, graph.poses[first],
+      whole.edges.push_back({0, static_cast<int>(first) + 1, poses[first],
                              slam::residualInformation(Matrix6d(hold.asDiagonal()))});
     slam::BatchOptions options;
     options.chordal = false;
-    converged = slam::optimize(whole, options).converged;
-    graph.poses.assign(whole.poses.begin() + 1, whole.poses.end());
+    out.converged = slam::optimize(whole, options).converged;
+    poses.assign(whole.poses.begin() + 1, whole.poses.end());
 
     std::vector<double> off(known_.size(), 0), sizes;  // in standard deviations
     for (std::size_t k = 0; k < known_.size(); ++k) {
       if (!used[k]) continue;
-      const SE3 body = graph.poses[k] * T_cam_body_;
+      const SE3 body = poses[k] * T_cam_body_;
       off[k] = (body.translation().head<2>() - *known_[k].north_east).norm() / known_[k].sigma;
       sizes.push_back(off[k]);
     }
@@ -227,7 +230,7 @@ bool KnownPlaces::improve(slam::PoseGraph& graph, std::span<const std::uint32_t>
   }
   kept_ = static_cast<std::size_t>(std::count(used.begin(), used.end(), true));
   left_out_ = given - kept_;
-  return converged;
+  return out;
 }
 
 std::optional<slam::NavigationLink> KnownPlaces::stepTo(std::uint32_t frame) const {

@@ -33,9 +33,13 @@ class KnownPlaces {
   [[nodiscard]] Motion motionOf(std::span<const std::uint32_t> part, std::span<const SE3> poses) const;
 
   // Maximum likelihood of the graph's edges together with what is known; positions that contradict the rest,
-  // as a USBL's outliers do, are left out. `graph.poses`: T_nav_cam by frame, parts moved as above; they are
-  // improved. `firsts`: of the parts. False: the solver did not converge.
-  bool improve(slam::PoseGraph& graph, std::span<const std::uint32_t> firsts);
+  // as a USBL's outliers do, are left out. `graph.poses`: T_nav_cam by frame, parts moved as above. `firsts`:
+  // of the parts. The graph that was solved: pose 0 is nav itself, frames follow; the edges come first.
+  struct Placed {
+    slam::PoseGraph graph;
+    bool converged = true;
+  };
+  [[nodiscard]] Placed improved(const slam::PoseGraph& graph, std::span<const std::uint32_t> firsts);
   [[nodiscard]] std::size_t positionsKept() const { return kept_; }
   [[nodiscard]] std::size_t positionsLeftOut() const { return left_out_; }
 

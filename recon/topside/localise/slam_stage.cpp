@@ -44,13 +44,13 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
           slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
-          slam.moved_rms, slam.parts, slam.refused_tilt, slam.bundled);
+          slam.moved_rms, slam.parts, slam.refused_tilt, slam.bundled, slam.control);
 }
 
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 12;
+constexpr std::uint32_t kLocaliseVersion = 13;
 constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
 constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
@@ -105,6 +105,21 @@ std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation&
   return fixes;
 }
 
+// A solution held by control points; links are scaled with it.
+ControlResult held(ControlNetwork& control, double scale_sigma, slam::NavigationSolution& solved,
+                   std::vector<slam::NavigationLink>& links) {
+  ControlNetwork::Solved network{&solved.graph, solved.nodes, 0, {}, scale_sigma};
+  for (const slam::NavigationLink& link : links)
+    if (link.edge >= 0) network.visual.push_back(static_cast<std::size_t>(link.edge));
+  ControlResult out = control.adjust(network);
+  for (slam::NavigationLink& link : links)
+    link.T_a_b = SE3(link.T_a_b.rotation(), out.scale * link.T_a_b.translation());
+  for (std::size_t k = 0; k < solved.poses.size(); ++k)
+    solved.poses[k] = solved.graph.poses[static_cast<std::size_t>(solved.nodes[k])];
+  solved.converged = out.converged;
+  return out;
+}
+
 SlamResult::Usbl usblOf(const slam::NavigationSolution& solved, const slam::GraphCovariance& known) {
   const SE3 now = solved.graph.poses[static_cast<std::size_t>(solved.usbl_node)];
   const Vector6d variance = known.of(solved.usbl_node).diagonal();  // level but for the turn, which is small
@@ -128,6 +143,7 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
              n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
              n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
              n.dvl_wander, n.dvl_wander_s);
+  if (input.control) hasher.add("control", input.control->identity);
   const slam::RigPrior& open = config.navigation.rig;
   hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.lean, open.uneven);
   return hasher.finish();
@@ -164,8 +180,10 @@ SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config, c
   return out;
 }
 
-SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, const TopsideConfig& config,
-                    const Survey& survey, const FeatureStore& features, const GreyImages& images) {
+SlamResult localise(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                    const FeatureStore& features, const GreyImages& images) {
+  const io::MissionConfig& mission = input.mission;
+  const StereoRig& rig = input.rig;
   const Navigation& navigation = survey.navigation;
   SlamResult out;
   out.poses = navigation.poses;
@@ -246,6 +264,11 @@ SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig, cons
   lap("bundle");
   shared = search.estimate(solved, links, straightened_by);
   solve();
+  if (input.control) {
+    ControlNetwork control(*input.control, sightingsOf(*input.control, survey.list), rig, frames);
+    out.control = held(control, graph.rig.scale, solved, links);
+    lap("control");
+  }
   look();
   const Crossings crossings = search.crossings(links);
   out.crossings_expected = crossings.expected;

@@ -12,6 +12,7 @@
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/bundle_links.hpp"
+#include "recon/topside/localise/control_network.hpp"
 #include "recon/topside/localise/feature_store.hpp"
 #include "recon/topside/work/stage_store.hpp"
 
@@ -97,6 +98,7 @@ struct SlamResult {
               self.moved_rms);
     }
   } bundled;
+  ControlResult control;
 };
 
 // `survey`, `prepared`: the contents of these results.
@@ -108,10 +110,11 @@ void saveSlam(WorkFileWriter& file, const SlamResult& slam);  // without seconds
 // Visual odometry between consecutive pairs, then loop closures: candidates by the probability that
 // footprints overlap, most valuable first, registered by features, in rounds: each round's poses say where
 // the next one looks. Poses: slam::solveNavigation, in which dead reckoning, attitude, depth and fixes have
-// their part. The result does not depend on the number of threads.
-[[nodiscard]] SlamResult localise(const io::MissionConfig& mission, const StereoRig& rig,
-                                  const TopsideConfig& config, const Survey& survey,
-                                  const FeatureStore& features, const GreyImages& images);
+// their part. Control points, where there are any, at the end. The result does not depend on the number of
+// threads.
+[[nodiscard]] SlamResult localise(const MissionInput& input, const TopsideConfig& config,
+                                  const Survey& survey, const FeatureStore& features,
+                                  const GreyImages& images);
 
 // For bundle adjustment, where config.bundle asks for it: links and poses as it finds them. `solve`: makes
 // poses of links anew.

@@ -160,6 +160,7 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   hasher.add(c.voxel, c.truncation, c.min_observations, c.border, c.carve, in.config->min_component);
   addModelSettings(hasher, *in.config);
   addDeviations(hasher, in, piece);
+  hasher.add(in.prepared->scale());
   const bool textured = in.images != nullptr;
   hasher.add(textured);
   if (textured) {

@@ -42,12 +42,22 @@ PreparedGroups::PreparedGroups(std::vector<WorkFile> groups) : groups_(std::move
 void PreparedGroups::load(std::size_t pair, closure::FrameFeatures& out) const {
   const WorkFile& group = groupOf(pair);
   if (!closure::readSlot(group.read(featuresName(pair)), out)) throw DamagedWork(group.path());
+  if (scale_ == 1) return;
+  const auto scale = static_cast<float>(scale_);
+  for (closure::Feature& feature : out.features) {
+    feature.point *= scale;
+    for (float& of : feature.covariance) of *= scale * scale;
+  }
 }
 
 Mesh PreparedGroups::mesh(std::size_t pair) const {
   const WorkFile& group = groupOf(pair);
   Mesh mesh;
   if (!loadMesh(group.read(meshName(pair)), mesh)) throw DamagedWork(group.path());
+  if (scale_ == 1) return mesh;
+  const auto scale = static_cast<float>(scale_);
+  for (Eigen::Vector3f& vertex : mesh.vertices) vertex *= scale;
+  for (float& sigma : mesh.sigma) sigma *= scale;
   return mesh;
 }
 

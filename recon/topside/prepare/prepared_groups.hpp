@@ -41,6 +41,9 @@ void writePrepared(WorkFileWriter& file, std::size_t first_pair, const std::vect
 class PreparedGroups final : public FeatureStore {
  public:
   explicit PreparedGroups(std::vector<WorkFile> groups);
+  // From here on all is read so many times as large.
+  void setScale(double scale) { scale_ = scale; }
+  [[nodiscard]] double scale() const { return scale_; }
   [[nodiscard]] std::size_t count(std::size_t pair) const override { return facts_[pair].features; }
   void load(std::size_t pair, closure::FrameFeatures& out) const override;
   [[nodiscard]] const std::vector<PairFacts>& facts() const { return facts_; }
@@ -52,6 +55,7 @@ class PreparedGroups final : public FeatureStore {
   [[nodiscard]] const WorkFile& groupOf(std::size_t pair) const { return groups_[pair / kPairsInGroup]; }
   std::vector<WorkFile> groups_;
   std::vector<PairFacts> facts_;
+  double scale_ = 1;
 };
 
 }  // namespace fathom::topside

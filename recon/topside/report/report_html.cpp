@@ -3,6 +3,7 @@
 #include <initializer_list>
 
 #include "realtime/kernel/text.hpp"
+#include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/report.hpp"
 #include "recon/topside/report/slam_json.hpp"
@@ -219,6 +220,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   report.section("Map");
   addMapPictures(report, r, map);
   addParts(report, r);
+  if (r.slam != nullptr) addControl(report, r.slam->control);
   report.section("Track");
   report.plot(trackPlot(r));
   report.section("Times");

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "realtime/kernel/text.hpp"
+#include "recon/topside/report/control_report.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -135,6 +136,7 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
                        " m of the " + decimals(s.crossings_expected, 0) +
                        " m flown over ground seen before have no loop closure.");
   warnOfMounting(s.mounting, warnings);
+  for (std::string& warning : controlWarnings(s.control)) warnings.push_back(std::move(warning));
   const auto placed = static_cast<std::size_t>(
       std::count_if(s.parts.begin(), s.parts.end(), [](const SlamResult::Part& p) { return p.placed; }));
   if (s.parts.size() > 1)
@@ -184,6 +186,7 @@ Json slamJson(const SlamResult& s) {
           {"mounting", mountingJson(s.mounting)},
           {"usbl", usblJson(s.usbl)},
           {"bundle", bundleJson(s.bundled)},
+          {"control", controlJson(s.control)},
           {"moved_rms_m", s.moved_rms},
           {"parts", partsJson(s.parts)},
           {"stage_s", s.seconds}};

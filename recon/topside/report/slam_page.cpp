@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "realtime/kernel/text.hpp"
+#include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
 #include "telemetry/web/report_page.hpp"
@@ -151,6 +152,7 @@ void writeSlamPage(const std::filesystem::path& file, const SlamResult& slam, co
   addClosureErrors(report, before, after);
   report.section("Counts");
   report.table({}, countRows(slam, after.size()));
+  addControl(report, slam.control);
   report.section("Against the truth");
   addTruth(report, truth);
   report.section("Seconds");

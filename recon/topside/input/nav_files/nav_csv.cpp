@@ -1,14 +1,11 @@
 #include "recon/topside/input/nav_files/nav_csv.hpp"
 
-#include <ogr_spatialref.h>
-
 #include <algorithm>
 #include <array>
 #include <cctype>
 #include <charconv>
 #include <cmath>
 #include <map>
-#include <memory>
 #include <numbers>
 #include <string_view>
 
@@ -18,6 +15,7 @@
 #include "recon/topside/input/csv_columns.hpp"
 #include "recon/topside/input/images/name_times.hpp"
 #include "recon/topside/input/plain_name.hpp"
+#include "recon/topside/input/projected_places.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -276,35 +274,6 @@ class Table {
   std::map<std::string, Column> columns_;
 };
 
-// Eastings and northings to longitudes and latitudes.
-class ToGeodetic {
- public:
-  explicit ToGeodetic(const std::string& crs) {
-    const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
-    if (from_.SetFromUserInput(crs.c_str()) != OGRERR_NONE || to_.importFromEPSG(4326) != OGRERR_NONE ||
-        !from_.IsProjected())
-      throw InputError("--nav-crs", crs,
-                       "is no projected coordinate reference system; give one as EPSG:32755");
-    from_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-    to_.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-    transform_.reset(OGRCreateCoordinateTransformation(&from_, &to_));
-    if (!transform_) throw InputError("--nav-crs", crs, "cannot be turned into latitudes and longitudes");
-  }
-
-  [[nodiscard]] std::optional<Geodetic> operator()(double east, double north) const {
-    const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
-    if (transform_->Transform(1, &east, &north) == 0) return {};
-    return Geodetic{north * kDegree, east * kDegree};
-  }
-
- private:
-  struct Destroy {
-    void operator()(OGRCoordinateTransformation* t) const { OGRCoordinateTransformation::DestroyCT(t); }
-  };
-  OGRSpatialReference from_, to_;
-  std::unique_ptr<OGRCoordinateTransformation, Destroy> transform_;
-};
-
 // A vehicle is below the surface: what is mostly negative is a height.
 void turnHeights(NavData& data) {
   std::vector<double> depths;
@@ -321,8 +290,8 @@ NavData readNavCsv(const std::filesystem::path& path, const NavFileOptions& opti
   const Table table(csv, options);
   if (!table.has("time"))
     throw InputError(path.string(), "line 1", "has no column of times; name it: --nav-columns time=COLUMN");
-  std::optional<ToGeodetic> to_geodetic;
-  if (!options.crs.empty()) to_geodetic.emplace(options.crs);
+  std::optional<ProjectedPlaces> to_geodetic;
+  if (!options.crs.empty()) to_geodetic.emplace("--nav-crs", options.crs);
   NavData data;
   data.assumed.push_back("navigation from " + path.filename().string() + ": " + table.about());
   for (std::size_t row = 0; row < csv.rows(); ++row) {

@@ -1,5 +1,5 @@
 import { merge, readAnnotations, seenBy, toCsv, toGeoJson, type Annotation } from './annotations';
-import type { Dive } from './dive';
+import { keptAs, type Dive } from './dive';
 import { number } from '#kit/format';
 import type { Marks } from './marks';
 import { element, input, make, save } from '#kit/overlay';
@@ -14,8 +14,8 @@ export class AnnotationPanel {
   private readonly key: string;
 
   constructor(private dive: Dive, private view: View, private marks: Marks, private complain: (what: string) => void) {
-    const byName = `fathom annotations ${dive.scene.vehicle}/${dive.scene.dive_id || dive.scene.name}`;
-    this.key = dive.scene.id ? `fathom annotations ${dive.scene.id}` : byName;
+    const byName = keptAs({ ...dive.scene, id: '' }, 'annotations');
+    this.key = keptAs(dive.scene, 'annotations');
     const kept = localStorage.getItem(this.key);
     // Those that a browser kept by the dive's name, which others may have, are this dive's if its images saw them.
     this.list = kept !== null ? this.parse(kept) : seenBy(dive.images.map((i) => i.left), this.parse(localStorage.getItem(byName)));

@@ -2,6 +2,7 @@ import type { Tile } from '3d-tiles-renderer';
 import * as THREE from 'three';
 import { AnnotationPanel } from './annotation_panel';
 import { BesideFiles } from './beside';
+import { ControlMarks } from './control_marks';
 import { Decoder } from './decoder';
 import { openDive, readRecords, type Dive } from './dive';
 import { bytes, count, dateAndClock, length, number, position } from '#kit/format';
@@ -90,6 +91,7 @@ export class App {
     this.tools = new Tools(view, marks, this.layers);
     this.point = new PointPanel(dive, view, look, this.layers, new Decoder(() => source), this.viewer, trouble);
     this.annotations = new AnnotationPanel(dive, view, marks, trouble);
+    this.viewer.markIn(new ControlMarks(dive, trouble));
     this.beside = new BesideFiles(dive, view, look, this.layers, () => this.bounds(), trouble);
     this.beside.onAnnotations = (file) => this.annotations.read(file);
     this.point.classOf = (image) => this.beside.classOf(image);

@@ -41,6 +41,9 @@ export interface Scene {
   depth: [number, number] | null;
 }
 
+// Under which this browser keeps what people make of the dive.
+export const keptAs = (scene: Scene, what: string): string => `fathom ${what} ${scene.id || `${scene.vehicle}/${scene.dive_id || scene.name}`}`;
+
 export interface Series {
   key: string;
   title: string;

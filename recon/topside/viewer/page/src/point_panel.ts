@@ -166,7 +166,7 @@ export class PointPanel {
     const image = this.dive.images[sighting.index]!;
     try {
       const decoded = await this.decoder.decode(this.dive.imageAddress(image.left), this.dive.scene.imageFormat, 0);
-      if (decoded) this.viewer.show(decoded.bitmap, [sighting.u, sighting.v], `${image.left} · ${taken(image)} · ${length(sighting.range)} away · ${decoded.width} × ${decoded.height}`);
+      if (decoded) this.viewer.show(decoded.bitmap, [sighting.u, sighting.v], `${image.left} · ${taken(image)} · ${length(sighting.range)} away · ${decoded.width} × ${decoded.height}`, image.left);
     } catch (error) {
       this.complain(`image ${image.left}: ${reason(error)}`);
     }

@@ -30,7 +30,7 @@ await runTest(browserPath, async (browser) => {
   assert.match(await troubles(), /nobody says where on the Earth/);
   assert.doesNotMatch(await troubles(), /left out/);
   // Places seen by images of each kind: their names and what was decoded of them.
-  const shown = new Set();
+  const shown = new Set(), marked = [];
   for (const image of images) {
     const kind = image.left.split('.').at(-1);
     if (shown.has(kind)) continue;
@@ -54,11 +54,29 @@ await runTest(browserPath, async (browser) => {
     await page.waitForSelector('#viewer:not([hidden])');
     const { width, height } = read('images.json').camera;
     assert.equal(await page.evaluate(() => document.body.dataset.viewer), `${width}x${height}`);
+    // Its middle marked as two surveyed points, of which one is taken back.
+    const middle = await page.locator('#viewer-canvas').boundingBox();
+    for (const point of ['P1', 'P2']) {
+      await page.fill('#mark-point', point);
+      await page.mouse.click(middle.x + middle.width / 2, middle.y + middle.height / 2);
+      await page.waitForSelector('#mark-remove:not([hidden])');
+    }
+    await page.click('#mark-remove');
     await page.click('#viewer-close');
+    marked.push([image.left, (width - 1) / 2, (height - 1) / 2]);
     shown.add(kind);
   }
   assert.deepEqual([...shown].sort(), ['jpg', 'png', 'tif']);
   assert.doesNotMatch(await troubles(), /image /);
+  const [saved] = await Promise.all([page.waitForEvent('download'), page.click('#export-marks')]);
+  assert.equal(saved.suggestedFilename(), 'marks.csv');
+  const [columns, ...rows] = readFileSync(await saved.path(), 'utf8').trim().split('\n').map((line) => line.split(','));
+  assert.deepEqual(columns, ['point', 'image', 'u', 'v']);
+  assert.equal(rows.length, marked.length);
+  for (const [k, [image, u, v]] of marked.entries()) {
+    assert.deepEqual(rows[k].slice(0, 2), ['P1', image]);
+    assert.ok(Math.abs(rows[k][2] - u) < 1.5 && Math.abs(rows[k][3] - v) < 1.5, `${rows[k]}: marked at ${u}, ${v}`);
+  }
 
   // Keys move the view after a box was ticked, too.
   await page.check('#show-contours');

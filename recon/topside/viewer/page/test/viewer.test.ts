@@ -4,6 +4,7 @@ import * as THREE from 'three';
 import { merge, readAnnotations, seenBy, toCsv, toGeoJson, type Annotation } from '../src/annotations';
 import { Budget, defaultLimit, halvings } from '../src/budget';
 import { imagesThatSaw, inCamera, project, turn, type CameraModel, type DiveImage } from '../src/cameras';
+import { marksCsv, readMarks, withMark } from '../src/control_marks';
 import { readCsv } from '../src/csv';
 import { develop, pictureOf } from '../src/demosaic';
 import { deflateSync } from 'node:zlib';
@@ -75,6 +76,16 @@ test('the images that saw a place come best first, and those that did not are le
     above({ depth: 3, altitude: 4, left: 'higher' })];
   const seen = imagesThatSaw(CAMERA, images, { north: 10, east: 20, depth: 7 });
   assert.deepEqual(seen.map((s) => images[s.index]!.left), ['above', 'off axis', 'higher']);
+});
+
+test('a surveyed point has one mark in an image, and marks come back from their table', () => {
+  let marks = [{ point: 'P 1, east', image: 'left/1.png', u: 10.126, v: 20 }, { point: 'P2', image: 'left/1.png', u: 5, v: 6 }];
+  marks = withMark(marks, { point: 'P 1, east', image: 'left/1.png', u: 11, v: 21.5 });
+  marks = withMark(marks, { point: 'P 1, east', image: 'left/2.png', u: 1, v: 2 });
+  assert.deepEqual(marks.map((m) => m.u), [5, 11, 1]);
+  assert.deepEqual(readMarks(marksCsv(marks)), marks);
+  assert.deepEqual(readMarks('point,image,u,v,sigma_px\nA,a.png,1,,2\n,a.png,1,2,2\n'), []);
+  assert.throws(() => readMarks('name,image,u,v\n'), /has no columns point/);
 });
 
 test('a raster in nav, in degrees and in UTM is placed to a hundredth of a pixel', () => {
