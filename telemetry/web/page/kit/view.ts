@@ -4,6 +4,8 @@ import * as THREE from 'three';
 
 const SMOOTHING = 0.1; // of the shown frame time
 const FIT_ROUNDS = 6;
+const SLOW = 60; // [ms] between frames of a moving picture
+const SLOW_FRAMES = 4; // in a row, before it is drawn with half the pixels each way until it stands still
 
 // The tile renderer then looks no further than the nearest tile that is hit.
 export const firstHit = (ray: THREE.Raycaster): THREE.Raycaster => Object.assign(ray, { firstHitOnly: true });
@@ -26,6 +28,9 @@ export abstract class SceneView {
   triangles = 0;
   private frames = 0;
   private dirty = true;
+  private moving = false;
+  private lastMove = -Infinity; // [ms]
+  private slow = 0; // frames in a row
   private queued = false;
 
   // Angles in degrees, lengths in metres.
@@ -48,6 +53,20 @@ export abstract class SceneView {
   draw(): void {
     this.dirty = true;
     this.wake();
+  }
+
+  // Said in a frame in which the picture has moved, and once when it stands still. Where no GPU draws it, it is coarse while it moves.
+  protected move(moving: boolean, time: number): void {
+    if (moving && this.moving && this.slow < SLOW_FRAMES) this.slow = time - this.lastMove > SLOW ? this.slow + 1 : 0;
+    this.lastMove = time;
+    this.moving = moving;
+    this.setCoarse(moving && this.slow === SLOW_FRAMES);
+  }
+  private setCoarse(coarse: boolean): void {
+    const ratio = Math.min(window.devicePixelRatio, 2) * (coarse ? 0.5 : 1);
+    if (ratio === this.renderer.getPixelRatio()) return;
+    this.renderer.setPixelRatio(ratio);
+    this.draw();
   }
 
   private wake(): void {

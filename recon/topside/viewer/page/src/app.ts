@@ -337,7 +337,7 @@ export class App {
   private frames(): void {
     const { view, model } = this;
     view.beforeDraw = (moved) => {
-      this.marks.beforeDraw(view.camera);
+      this.marks.beforeDraw(view.camera, view.canvas.clientHeight);
       return model.update(moved);
     };
     view.afterDraw = () => {

@@ -1,5 +1,5 @@
 import * as THREE from 'three';
-import { OVER, Polyline } from '#kit/lines';
+import { LongLine, OVER, Polyline } from '#kit/lines';
 import type { DiveImage } from './cameras';
 import type { Track } from './dive';
 import { toScene, type Place } from '#kit/place';
@@ -9,6 +9,8 @@ import { toScene, type Place } from '#kit/place';
 
 const TRACK_COLOUR = 0xf0b95e;
 const FOOTPRINT_COLOUR = 0x9fd8e6;
+const FOOTPRINTS = 400; // of images that follow each other, drawn at once
+const CROWDED = 24; // [px] footprints smaller than this are thinned out: of a long dive more would cover each other
 const MARK_SIZE = 15; // [px]
 const LINE_ORDER = 5; // after the ground, before points and the vehicle
 const VEHICLE_SIZE = 0.035; // of the distance to the camera
@@ -27,12 +29,24 @@ function disc(fill: string, ring: string): THREE.Texture {
   return new THREE.CanvasTexture(canvas);
 }
 
+// So many numbers from 0 in an order of which every beginning is spread evenly over all.
+export function spreadOrder(count: number): number[] {
+  const bits = Math.ceil(Math.log2(Math.max(count, 2)));
+  const turned = (i: number): number => {
+    let out = 0;
+    for (let b = 0; b < bits; ++b) out |= ((i >> b) & 1) << (bits - 1 - b);
+    return out;
+  };
+  return Array.from({ length: 2 ** bits }, (_, i) => turned(i)).filter((i) => i < count);
+}
+
 export class Marks {
   readonly group = new THREE.Group();
-  readonly track = new Polyline({ color: TRACK_COLOUR, linewidth: 1.6, opacity: 0.6, ...OVER }, LINE_ORDER);
+  readonly track = new LongLine({ color: TRACK_COLOUR, opacity: 0.75, ...OVER }, LINE_ORDER);
   readonly measured = new Polyline({ color: 0xff8f6b, linewidth: 2.5, ...OVER }, LINE_ORDER);
   readonly seen = new Polyline({ color: 0xffffff, linewidth: 2, ...OVER }, LINE_ORDER);
-  private footprints: THREE.LineSegments | null = null;
+  private footprints: THREE.Group | null = null;
+  private footprintSize = 0; // [m]
   private measuredPoints = this.points('#ff8f6b', '#2a0f06', MARK_SIZE * 0.8);
   private annotated = this.points('#f7d35c', '#241d05', MARK_SIZE);
   private selected = this.points('rgba(111,183,201,0.45)', '#ffffff', MARK_SIZE * 1.5);
@@ -73,15 +87,26 @@ export class Marks {
       if (this.footprints) this.footprints.visible = shown;
       return;
     }
-    const positions: number[] = [];
-    for (const { footprint } of images)
-      footprint.forEach((corner, i) => {
-        for (const [north, east, depth] of [corner, footprint[(i + 1) % footprint.length]!]) positions.push(east, -depth, -north);
-      });
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute('position', new THREE.Float32BufferAttribute(positions, 3));
-    this.footprints = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: FOOTPRINT_COLOUR, opacity: 0.45, ...OVER }));
-    this.footprints.renderOrder = 4;
+    this.footprints = new THREE.Group();
+    const material = new THREE.LineBasicMaterial({ color: FOOTPRINT_COLOUR, opacity: 0.45, ...OVER });
+    for (let first = 0; first < images.length; first += FOOTPRINTS) {
+      const some = images.slice(first, first + FOOTPRINTS);
+      const positions: number[] = [];
+      for (const i of spreadOrder(some.length)) {
+        const { footprint } = some[i]!;
+        footprint.forEach((corner, k) => {
+          for (const [north, east, depth] of [corner, footprint[(k + 1) % footprint.length]!]) positions.push(east, -depth, -north);
+        });
+      }
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute('position', new THREE.Float32BufferAttribute(positions, 3));
+      geometry.computeBoundingSphere();
+      const lines = new THREE.LineSegments(geometry, material);
+      lines.renderOrder = 4;
+      this.footprints.add(lines);
+    }
+    const sizes = images.map(({ footprint: [a, b] }) => (a && b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0)).sort((a, b) => a - b);
+    this.footprintSize = sizes[sizes.length >> 1] ?? 0;
     this.group.add(this.footprints);
   }
   setMeasured(points: Place[], closed: boolean): void {
@@ -103,7 +128,18 @@ export class Marks {
     this.vehicle.position.copy(toScene(place));
     this.vehicle.rotation.y = -THREE.MathUtils.degToRad(headingDeg ?? 0);
   }
-  beforeDraw(camera: THREE.Camera): void {
+  beforeDraw(camera: THREE.PerspectiveCamera, height: number): void {
+    this.track.look(camera, height);
+    if (this.footprints?.visible) {
+      const scale = (this.footprintSize * height) / (2 * Math.tan(THREE.MathUtils.degToRad(camera.fov / 2)));
+      for (const lines of this.footprints.children as THREE.LineSegments[]) {
+        const { center, radius } = lines.geometry.boundingSphere!;
+        const pixels = scale / Math.max(camera.position.distanceTo(center) - radius, 1e-3);
+        const share = Math.min((pixels / CROWDED) ** 2, 1);
+        const all = lines.geometry.getAttribute('position').count;
+        lines.geometry.setDrawRange(0, 2 * Math.ceil((all / 2) * share));
+      }
+    }
     if (this.vehicle.visible) this.vehicle.scale.setScalar(VEHICLE_SIZE * camera.position.distanceTo(this.vehicle.position));
   }
 }

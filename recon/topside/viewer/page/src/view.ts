@@ -69,12 +69,14 @@ export class View extends SceneView {
     this.camera.updateMatrixWorld();
     const moved = !this.camera.matrixWorld.equals(this.last);
     if (moved) {
+      this.move(true, time);
       this.last.copy(this.camera.matrixWorld);
       this.movedAt = time;
       this.settled = false;
       this.setClipping();
     } else if (!this.settled && time - this.movedAt > 200) {
       this.settled = true;
+      this.move(false, time);
       this.focus = this.centre() ?? this.focus;
       this.onSettled();
       this.draw();

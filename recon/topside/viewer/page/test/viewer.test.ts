@@ -15,6 +15,8 @@ import { imageSize } from '../src/image_size';
 import { isDeepPng, readDeepPng } from '../src/image_samples';
 import { joinLabels, stem } from '../src/labels';
 import { measuredGeoJson } from '../src/measured';
+import { LongLine, simplified } from '#kit/lines';
+import { spreadOrder } from '../src/marks';
 import { readPermalink, writePermalink } from '../src/permalink';
 import { boundsOf, crsOfKeys, crsOfWorldFile, gridOfWorldFile, place, placementOf } from '../src/raster';
 import { fromFileList, openFolder } from '../src/source';
@@ -60,6 +62,31 @@ test('measured lines and areas go out as GeoJSON, rings closed and against the c
   assert.equal(out.features[0].properties.plan_area_m2, 6);
   assert.equal(out.features[1].properties.length_m, 2);
   near(out.features[1].geometry.coordinates[0][1], -33.5, 1e-8);
+});
+
+test('a long line is drawn with the points that can be told apart', () => {
+  const wave = Array.from({ length: 2001 }, (_, i) => new THREE.Vector3(i / 100, 0, 0.1 * Math.sin(i / 50)));
+  const some = simplified(wave, 0.02);
+  assert.ok(some.length > 10 && some.length < 120, `${some.length} points`);
+  assert.deepEqual(simplified(wave, 0.3), [0, 2000]);
+  const line = new LongLine({ color: 0xffffff });
+  line.set([...wave.map(({ x, z }) => ({ north: -z, east: x, depth: 0 })), null, { north: 0, east: 0, depth: 0 }, { north: 1, east: 1, depth: 0 }]);
+  const camera = new THREE.PerspectiveCamera(50);
+  const shown = (height: number): number => {
+    camera.position.set(10, height, 0);
+    line.look(camera, 800);
+    return line.object.children.reduce((sum, child) => sum + (child as THREE.Line).geometry.getAttribute('position').count - 1, 0);
+  };
+  const [near, far] = [shown(1), shown(400)];
+  assert.ok(near > 300 && far < 12, `${near} and ${far} segments`);
+});
+
+test('the beginning of a spread order is spread over all', () => {
+  const order = spreadOrder(400);
+  assert.deepEqual([...order].sort((a, b) => a - b), Array.from({ length: 400 }, (_, i) => i));
+  const first = order.slice(0, 25).sort((a, b) => a - b);
+  assert.ok(first.every((at, i) => i === 0 || (at - first[i - 1]! > 8 && at - first[i - 1]! < 33)), first.join(' '));
+  assert.deepEqual(spreadOrder(1), [0]);
 });
 
 test('distortion is OpenCV\'s', () => {
