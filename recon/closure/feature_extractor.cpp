@@ -1,9 +1,11 @@
 #include "recon/closure/feature_extractor.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <tuple>
@@ -109,6 +111,64 @@ void rootSift(const float* histogram, std::uint8_t* out) {
   }
 }
 
+// A camera in the same place that looks at the seafloor at right angles: its image is the seafloor's own, to
+// scale, whatever the true one's slant. It has the small image's resolution of the ground where that is in
+// the middle of the image.
+class FromAbove {
+ public:
+  FromAbove(const Camera& camera, int shrink, const Eigen::Vector3d& ground)
+      : camera_(camera),
+        shrink_(shrink),
+        turn_(Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), ground)),
+        focal_(camera.fx / shrink * ground.z()) {
+    // What the image's border shows, but for what it sees nearly edge-on.
+    constexpr int kSteps = 16;
+    Eigen::Vector2d low = Eigen::Vector2d::Constant(INFINITY), high = -low;
+    for (int i = 0; i <= kSteps; ++i)
+      for (const auto& [x, y] : {std::pair(i, 0), {i, kSteps}, {0, i}, {kSteps, i}}) {
+        const Eigen::Vector2d pixel(x * (camera.width - 1.0) / kSteps, y * (camera.height - 1.0) / kSteps);
+        const Eigen::Vector3d ray = turn_.conjugate() * camera.ray(pixel).normalized();
+        const Eigen::Vector2d at = ray.head<2>() / std::max(ray.z(), kEdgeOn);
+        low = low.cwiseMin(at);
+        high = high.cwiseMax(at);
+      }
+    low_ = low;
+    size_ = {std::max(1, static_cast<int>(focal_ * (high - low).x())),
+             std::max(1, static_cast<int>(focal_ * (high - low).y()))};
+  }
+
+  // Outside of the image that the camera took: -1.
+  [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
+    Eigen::Vector3d ray;
+    ray << low_ + place / focal_, 1;
+    ray = turn_ * ray;
+    return ray.z() > kEdgeOn ? camera_.project(ray) : Eigen::Vector2d(Eigen::Vector2d::Constant(-1));
+  }
+  void draw(const cv::Mat& small, cv::Mat& out) const {
+    cv::Mat_<cv::Point2f> from(size_);
+    for (int y = 0; y < size_.height; ++y)
+      for (int x = 0; x < size_.width; ++x) {
+        const Eigen::Vector2d pixel = (pixelOf({x, y}).array() + 0.5) / shrink_ - 0.5;
+        from(y, x) = {static_cast<float>(pixel.x()), static_cast<float>(pixel.y())};
+      }
+    cv::remap(small, out, from, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  }
+
+ private:
+  static constexpr double kEdgeOn = 0.2;  // of a ray, along the normal or the principal axis [1]
+
+  const Camera& camera_;
+  int shrink_;
+  Eigen::Quaterniond turn_;
+  double focal_;         // [px]
+  Eigen::Vector2d low_;  // tangents of the first pixel
+  cv::Size size_;
+};
+
+// Cosine of the principal ray from the seafloor's normal: below the first, features are sought from above;
+// below the second a camera looks along the seafloor rather than at it.
+constexpr double kSlant = 0.91, kGrazing = 0.26;
+
 }  // namespace
 
 struct FeatureExtractor::Impl {
@@ -120,6 +180,12 @@ struct FeatureExtractor::Impl {
   void ended(const char* stage) const {
     if (observer) observer(stage);
   }
+  // Of the left image, for a place where features were sought.
+  [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
+    const Eigen::Vector2d half(0.5,
+                               0.5);  // centres of pixels: x + 1/2 of the small image is shrink (x + 1/2)
+    return from_above ? from_above->pixelOf(place) : Eigen::Vector2d(shrink * (place + half) - half);
+  }
 
   StereoRig rig;
   FeatureConfig config;
@@ -128,7 +194,8 @@ struct FeatureExtractor::Impl {
   int shrink = 1;
   std::vector<cv::KeyPoint> points, seen;  // found by the detector; and found in the right image too
   std::vector<Feature> places;             // of `seen`
-  cv::Mat small, descriptors;
+  std::optional<FromAbove> from_above;
+  cv::Mat small, above, descriptors;
   FrameFeatures result;
   std::function<void(const char* stage)> observer;
 };
@@ -154,7 +221,7 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
 }
 
 const FrameFeatures& FeatureExtractor::process(const ImageView& left, const ImageView& right,
-                                               const DepthRange& depths) {
+                                               const DepthRange& depths, const Eigen::Vector3d& ground) {
   Impl& m = *impl_;
   m.result.features.clear();
   m.result.descriptors.clear();
@@ -168,18 +235,23 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
     m.small = whole;
   else
     cv::resize(whole, m.small, {left.width / m.shrink, left.height / m.shrink}, 0, 0, cv::INTER_AREA);
+  m.from_above.reset();
+  if (ground.z() < kSlant && ground.z() > kGrazing) {
+    m.from_above.emplace(m.rig.left, m.shrink, ground);
+    m.from_above->draw(m.small, m.above);
+  }
+  const cv::Mat& seen_so = m.from_above ? m.above : m.small;
   const auto wanted = static_cast<std::size_t>(m.config.max_features);
-  m.detector->detect(m.small, m.points);
-  thin(m.points, m.small.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
+  m.detector->detect(seen_so, m.points);
+  thin(m.points, seen_so.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
   m.ended("detect");
 
   // Only what both cameras see is worth describing.
   m.seen.clear();
   m.places.clear();
-  const Eigen::Vector2d half(0.5, 0.5);  // centres of pixels: x + 1/2 of the small image is shrink (x + 1/2)
   for (const cv::KeyPoint& p : m.points) {
     if (m.seen.size() == wanted) break;
-    const Eigen::Vector2d pixel = m.shrink * (placeOf(p, m.config.kind) + half) - half;
+    const Eigen::Vector2d pixel = m.pixelOf(placeOf(p, m.config.kind));
     StereoMatch found;
     if (!m.matcher.match(left, right, pixel, range, found)) continue;
     const double size = static_cast<double>(p.size);
@@ -196,7 +268,7 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
   }
   m.ended("stereo");
 
-  if (!m.seen.empty()) m.detector->compute(m.small, m.seen, m.descriptors);
+  if (!m.seen.empty()) m.detector->compute(seen_so, m.seen, m.descriptors);
   const std::size_t bytes = descriptorBytes(m.config.kind);
   for (std::size_t i = 0; i < m.seen.size(); ++i) {
     // Kinds that drop points near the border or change their order keep the number; AKAZE, which keeps the

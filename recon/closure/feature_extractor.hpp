@@ -33,10 +33,13 @@ class FeatureExtractor {
   void setRig(const StereoRig& rig);
 
   // `left`, `right`: 8-bit mono, lighting corrected, the rig's size. Empty or wrongly sized images give no
-  // features. `depths`: narrows the configured range, where the altitude is known. The result is reused by
-  // the next call.
+  // features. `depths`: narrows the configured range, where the altitude is known. `ground`: the seafloor's
+  // normal in the left camera's axes, away from it; where the camera looks at it aslant, features are sought
+  // and described in a view from straight above, so that they are the same from all sides. The result is
+  // reused by the next call.
   const FrameFeatures& process(const ImageView& left, const ImageView& right);
-  const FrameFeatures& process(const ImageView& left, const ImageView& right, const DepthRange& depths);
+  const FrameFeatures& process(const ImageView& left, const ImageView& right, const DepthRange& depths,
+                               const Eigen::Vector3d& ground = Eigen::Vector3d::UnitZ());
 
   // Called with the stage's name at the end of each stage of process(): "detect", "stereo", "describe". For a
   // caller that has a clock; empty: none.

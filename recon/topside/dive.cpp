@@ -234,7 +234,8 @@ const std::vector<NavigatedPose>& Dive::poses() {
 }
 
 SeedPlanes Dive::planes() {
-  return input_.navigated ? seedPlanes(input_.mission, poses(), config_.default_altitude) : survey_->planes;
+  const bool by_altitude = input_.navigated && !seesBeside(input_);
+  return by_altitude ? seedPlanes(input_.mission, poses(), config_.default_altitude) : survey_->planes;
 }
 
 const ModelPlan& Dive::plan() {

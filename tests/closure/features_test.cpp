@@ -1,12 +1,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
 
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/feature_slot.hpp"
+#include "recon/closure/registration.hpp"
 #include "tests/closure/seafloor.hpp"
 
 namespace fathom::closure {
@@ -63,6 +65,38 @@ TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
   EXPECT_EQ(extractor.process(flat, small).size(), 0U);
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
   EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {3.0, 2.0}).size(), 0U);
+}
+
+// The same ground from two sides, each view slanting by 50 degrees.
+TEST(Features, OfASlantingViewAreThoseOfAViewFromAboveSoThatTheyMatchFromAllSides) {
+  constexpr double kHeight = 2, kSlant = 0.87;
+  const Seafloor flat{[](double, double) { return kHeight; }, test::randomTexture(0.012, 4)};
+  // Where a level camera's axis meets the ground once it slants decides where it has to stand.
+  const auto from = [&](double yaw) {
+    const SE3 there = lookingDown(0, 0, 0, yaw, 0, kSlant);
+    const Eigen::Vector3d axis = there.rotation() * Eigen::Vector3d::UnitZ();
+    const Eigen::Vector2d back = axis.head<2>() * (kHeight / axis.z());
+    return SE3(there.rotation(), {-back.x(), -back.y(), 0});
+  };
+  const std::array<SE3, 2> poses = {from(0), from(3)};
+  const auto inliersOf = [&](bool above) {
+    std::array<FrameFeatures, 2> seen;
+    for (std::size_t k = 0; k < 2; ++k) {
+      const auto images = test::shoot(flat, smallRig(), poses[k], static_cast<std::uint32_t>(k));
+      FeatureExtractor extractor(smallRig(), {});
+      const Eigen::Vector3d down = poses[k].rotation().conjugate() * Eigen::Vector3d::UnitZ();
+      seen[k] = extractor.process(images.leftView(), images.rightView(), {0.5, 10},
+                                  above ? down : Eigen::Vector3d::UnitZ());
+    }
+    Registrar registrar(smallRig(), {});
+    const Registration& found = registrar.process(seen[0], seen[1], std::nullopt);
+    if (!found.accepted()) return std::size_t{0};
+    EXPECT_LT((found.T_a_b.inverse() * poses[0].inverse() * poses[1]).log().norm(), 0.05);
+    return found.inliers.size();
+  };
+  const std::size_t above = inliersOf(true), aslant = inliersOf(false);
+  EXPECT_GT(above, 40U);
+  EXPECT_GT(above, 4 * aslant);
 }
 
 TEST(Features, AreHardlyFoundWhereTheSeafloorIsNot) {

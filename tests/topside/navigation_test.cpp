@@ -9,6 +9,7 @@
 
 #include "firmware_if/files/sensor_log.hpp"
 #include "recon/geometry/geodesy.hpp"
+#include "recon/topside/input/survey_stage.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
@@ -164,6 +165,20 @@ TEST(NavigationTide, IsTakenOutOfTheDepth) {
     ASSERT_TRUE(pose.T_nav_body);
     EXPECT_NEAR(pose.T_nav_body->translation().z(), kDepth, 0.005);
   }
+}
+
+TEST(Survey, OnlyACameraThatLooksAsideHasItsRangesFromTheImages) {
+  MissionInput input;
+  const auto beside = [&](double degrees) {
+    input.mission.T_body_cam = SE3::fromEuler(degrees * M_PI / 180, 0, M_PI / 2, {0, 0, 0});
+    return seesBeside(input);
+  };
+  EXPECT_FALSE(beside(0));
+  EXPECT_FALSE(beside(45));
+  EXPECT_TRUE(beside(60));
+  EXPECT_TRUE(beside(90));
+  input.features_only = true;
+  EXPECT_FALSE(beside(90));
 }
 
 }  // namespace

@@ -78,7 +78,7 @@ Survey navigated(const MissionInput& input, const TopsideConfig& config) {
 }
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 5;
+constexpr std::uint32_t kSurveyVersion = 6;
 
 }  // namespace
 
@@ -117,7 +117,17 @@ Survey takeSurvey(const MissionInput& input, const TopsideConfig& config) {
   if (!input.navigated) return imagesAlone(input, config);
   Survey survey = input.given_poses ? fromPoses(input) : navigated(input, config);
   survey.planes = seedPlanes(input.mission, survey.navigation.poses, config.default_altitude);
+  if (!seesBeside(input)) return survey;
+  const SeedPlanes found = scoutPlanes(input, config, survey.list);
+  for (std::size_t k = 0; k < found.size(); ++k)
+    if (survey.planes[k]) survey.planes[k] = found[k];
   return survey;
+}
+
+bool seesBeside(const MissionInput& input) {
+  constexpr double kBeside = 0.64;  // cosine of its axis from the vehicle's down
+  const Eigen::Vector3d ahead = input.mission.T_body_cam.rotation() * Eigen::Vector3d::UnitZ();
+  return !input.features_only && ahead.z() < kBeside;
 }
 
 }  // namespace fathom::topside

@@ -38,6 +38,9 @@ void addPlane(Hasher& hasher, const std::optional<stereo::SeedPlane>& plane);
 // The pairs of a folder of images alone.
 [[nodiscard]] PairList pairsOf(const MissionInput& input);
 [[nodiscard]] Digest surveyKey(const MissionInput& input, const TopsideConfig& config);
+// Whether the camera looks so much aside that what it sees, a wall as a rule, is not what the altimeter
+// measures: images tell where it is.
+[[nodiscard]] bool seesBeside(const MissionInput& input);
 // Throws InputError: see listPairs() and navigate().
 [[nodiscard]] Survey takeSurvey(const MissionInput& input, const TopsideConfig& config);
 

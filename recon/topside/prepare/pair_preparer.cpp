@@ -62,7 +62,8 @@ class FromImages final : public PairPreparer {
     out.times[PairStage::kRead] = watch.lap();
     images_.correct(plane);
     out.times[PairStage::kLighting] = watch.lap();
-    if (extractor_) out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(plane));
+    if (extractor_)
+      out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(plane), plane.normal);
     out.times[PairStage::kFeatures] = watch.lap();
     const stereo::StereoResult& found = dense_ ? dense_->process(images_.left(), images_.right(), plane)
                                                : sparse_->process(images_.left(), images_.right(), plane);

@@ -10,7 +10,7 @@ namespace fathom::topside {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPrepareVersion = 5;
+constexpr std::uint32_t kPrepareVersion = 6;
 
 std::string sixDigits(std::size_t number) {
   std::array<char, 24> text{};
