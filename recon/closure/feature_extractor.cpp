@@ -182,8 +182,7 @@ struct FeatureExtractor::Impl {
   }
   // Of the left image, for a place where features were sought.
   [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
-    const Eigen::Vector2d half(0.5,
-                               0.5);  // centres of pixels: x + 1/2 of the small image is shrink (x + 1/2)
+    const Eigen::Vector2d half(0.5, 0.5);  // centres: x + 1/2 of the small image is shrink (x + 1/2)
     return from_above ? from_above->pixelOf(place) : Eigen::Vector2d(shrink * (place + half) - half);
   }
 

@@ -126,7 +126,13 @@ const Survey& Dive::survey() {
   });
   survey_ = loadBlock<Survey>(file, "survey");
   survey_content_ = file.content();
-  if (input_.control) (void)sightingsOf(*input_.control, survey_->list);  // what is wrong is said early
+  if (input_.control) {
+    // What is wrong is said early.
+    if (!localises(input_, config_))
+      throw InputError(input_.control->folder.string(), "",
+                       "holds control points, which are of no use with --no-slam: leave one of them out");
+    (void)sightingsOf(*input_.control, survey_->list);
+  }
   for (const ImagePair& pair : survey_->list.pairs)
     image_identities_.push_back(input_.imageIdentity(pair.left, pair.right));
   return *survey_;

@@ -146,6 +146,12 @@ TEST_F(ReefQuick, ControlPointsAndScaleBarsPlaceTurnAndScaleWhatImagesJoin) {
   EXPECT_NEAR(held.area, done_.area, 0.05 * done_.area);
   EXPECT_THAT(held.to_know, testing::Contains(testing::HasSubstr("check points are")));
   EXPECT_THAT(test::readText(places.out / "report.html"), testing::HasSubstr("sigma north [mm]"));
+
+  RunPlaces reckoned{kReefMission, out_->path() / "reckoned.work", out_->path() / "reckoned", {}};
+  reckoned.input.control = survey.out;
+  TopsideConfig config;
+  config.slam = false;
+  EXPECT_THAT(test::refusal([&] { (void)runTopside(reckoned, config); }), testing::HasSubstr("--no-slam"));
 }
 
 // A rig knocked by 0.2 degrees, and focal lengths 0.3 % off.
