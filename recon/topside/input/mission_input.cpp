@@ -228,6 +228,11 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
         "the top of the first image, its depth 0 that of the first camera");
 }
 
+void digestFile(Hasher& hasher, const fs::path& path) {
+  hasher.add(path.filename().string());
+  if (fs::exists(path)) hasher.add(digestOfFile(path));
+}
+
 void takeControl(MissionInput& in, const InputOptions& options) {
   const fs::path own = in.paths.root / "control";
   if (options.control.empty() && !fs::is_directory(own)) return;
@@ -238,11 +243,10 @@ void takeControl(MissionInput& in, const InputOptions& options) {
         "holds control points, which poses that are given (--poses) leave nothing to do for; take "
         "away one of them");
   in.control = readControlPoints(folder, options.control_crs);
-}
-
-void digestFile(Hasher& hasher, const fs::path& path) {
-  hasher.add(path.filename().string());
-  if (fs::exists(path)) hasher.add(digestOfFile(path));
+  Hasher hasher;
+  hasher.add(options.control_crs);
+  for (const char* table : kControlTables) digestFile(hasher, folder / table);
+  in.control_identity = hasher.finish();
 }
 
 void addIdentity(Hasher& hasher, const fs::path& path, bool verify) {

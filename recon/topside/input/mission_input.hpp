@@ -42,6 +42,7 @@ struct MissionInput {
   bool features_only = false;
   std::optional<io::StereoPoseFile> given_poses;
   std::optional<ControlPoints> control;
+  Digest control_identity;           // of its tables
   std::vector<std::string> assumed;  // what no file says, a line each
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
   // they hold.

@@ -143,7 +143,7 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
              n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
              n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
              n.dvl_wander, n.dvl_wander_s);
-  if (input.control) hasher.add("control", input.control->identity);
+  if (input.control) hasher.add("control", input.control_identity);
   const slam::RigPrior& open = config.navigation.rig;
   hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.lean, open.uneven);
   return hasher.finish();

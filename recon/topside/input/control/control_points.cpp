@@ -162,13 +162,7 @@ ControlPoints readControlPoints(const std::filesystem::path& folder, const std::
   reader.points(crs);
   reader.marks();
   reader.bars();
-  ControlPoints control = reader.take();
-  Hasher hasher;
-  hasher.add(crs);
-  for (const char* table : {"points.csv", "marks.csv", "scale_bars.csv"})
-    if (std::filesystem::exists(folder / table)) hasher.add(table, digestOfFile(folder / table));
-  control.identity = hasher.finish();
-  return control;
+  return reader.take();
 }
 
 std::vector<ControlSighting> sightingsOf(const ControlPoints& control, const PairList& list) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -9,7 +10,6 @@
 
 #include "recon/geometry/geodesy.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
-#include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {
 
@@ -40,12 +40,13 @@ struct ControlPoints {
   std::vector<Point> points;
   std::vector<Mark> marks;
   std::vector<Bar> bars;
-  Digest identity;  // of what was read
 
   // Of points on Earth.
   void placeAbout(const Geodetic& origin);
   [[nodiscard]] std::optional<Geodetic> firstOnEarth() const;
 };
+
+inline constexpr std::array<const char*, 3> kControlTables = {"points.csv", "marks.csv", "scale_bars.csv"};
 
 // Reads FOLDER/points.csv, marks.csv and scale_bars.csv (recon/topside/README.md has the columns). `crs`: of
 // eastings and northings, as EPSG:32755. Throws InputError for tables that are absent or damaged, for names
