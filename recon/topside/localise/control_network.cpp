@@ -137,9 +137,11 @@ std::vector<std::optional<Eigen::Vector3d>> ControlNetwork::placesAt(std::span<c
 // Points and what is known of them, behind a network whose visual edges are scaled. Each point keeps its
 // attitude to the first camera that marked it: so the direction of a bar turns with the network.
 void ControlNetwork::append(const Solved& network, double scale, slam::PoseGraph& graph) const {
+  for (std::size_t k = graph.ids.size(); k < graph.poses.size(); ++k)
+    graph.ids.push_back(static_cast<std::int64_t>(k));
   for (const std::size_t edge : network.visual) {
     SE3& T = graph.edges[edge].T_from_to;
-    T = SE3(T.rotation(), scale * T.translation());
+    T = grown(T, scale);
   }
   const auto first = static_cast<int>(graph.poses.size() - control_.points.size());
   const auto nodeOf = [&](std::uint32_t point) { return first + static_cast<int>(point); };
@@ -188,8 +190,6 @@ ControlNetwork::State ControlNetwork::solved(const Solved& network, double scale
   for (int round = 0; round < kRounds; ++round) {
     slam::PoseGraph graph = *network.graph;
     graph.poses = state.poses;
-    for (std::size_t k = graph.ids.size(); k < graph.poses.size(); ++k)
-      graph.ids.push_back(static_cast<std::int64_t>(k));
     append(network, scale, graph);
     const slam::BatchResult result = slam::optimize(graph, {.chordal = false});
     state.converged = result.converged;
@@ -285,8 +285,6 @@ ControlResult ControlNetwork::adjust(Solved& network) {
   out.converged = state.converged;
   slam::PoseGraph& graph = *network.graph;
   graph.poses = state.poses;
-  for (std::size_t k = graph.ids.size(); k < graph.poses.size(); ++k)
-    graph.ids.push_back(static_cast<std::int64_t>(k));
   append(network, out.scale, graph);
 
   const slam::GraphCovariance known(graph);
@@ -316,8 +314,9 @@ ControlResult ControlNetwork::adjust(Solved& network) {
     }
     if (result.marks > 0) result.pixel_rms = std::sqrt(squares / result.marks);
     if (result.marks == 0 && seen[k]) result.place = *seen[k];
-    const Eigen::Vector3d claimed =
-        known.of(node).topLeftCorner<3, 3>().diagonal() + (out.scale_sigma * by_scale[k]).cwiseAbs2();
+    const Eigen::Matrix3d R = graph.poses[at(node)].matrix3();
+    const Eigen::Matrix3d in_nav = R * known.of(node).topLeftCorner<3, 3>() * R.transpose();
+    const Eigen::Vector3d claimed = in_nav.diagonal() + (out.scale_sigma * by_scale[k]).cwiseAbs2();
     result.sigma =
         (claimed + (point.check ? point.sigma : Eigen::Vector3d(Eigen::Vector3d::Zero())).cwiseAbs2())
             .cwiseSqrt();

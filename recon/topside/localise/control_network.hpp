@@ -52,8 +52,11 @@ struct ControlResult {
   }
 };
 
-// The rig by which all is so many times as large.
+// The rig, and a pose, by which all is so many times as large.
 [[nodiscard]] StereoRig grown(const StereoRig& rig, double scale);
+[[nodiscard]] inline SE3 grown(const SE3& T, double scale) {
+  return {T.rotation(), scale * T.translation()};
+}
 
 // Marked points as poses of a network: each mark is the place of its point in a camera, sure across the ray,
 // and along it as features about the mark have the range; a survey is its place in nav. Points that nobody

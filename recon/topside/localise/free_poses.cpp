@@ -126,8 +126,7 @@ class FreePoses {
     for (const Part& part : parts) frames.push_back(part.frames);
     const double scale = control.scaleAt(frames, poses_);
     for (Part& part : parts) {
-      for (const std::uint32_t k : part.frames)
-        poses_[k] = SE3(poses_[k].rotation(), scale * poses_[k].translation());
+      for (const std::uint32_t k : part.frames) poses_[k] = grown(poses_[k], scale);
       const auto motion = control.motionOf(part.frames, poses_, !places_.any());
       if (!motion) continue;
       for (const std::uint32_t k : part.frames) poses_[k] = *motion * poses_[k];
@@ -142,8 +141,7 @@ class FreePoses {
     converged = out.converged;
     takePoses(network.graph);
     standApart(parts);
-    for (slam::NavigationLink& link : links_)
-      link.T_a_b = SE3(link.T_a_b.rotation(), out.scale * link.T_a_b.translation());
+    for (slam::NavigationLink& link : links_) link.T_a_b = grown(link.T_a_b, out.scale);
     return out;
   }
 

@@ -112,8 +112,7 @@ ControlResult held(ControlNetwork& control, double scale_sigma, slam::Navigation
   for (const slam::NavigationLink& link : links)
     if (link.edge >= 0) network.visual.push_back(static_cast<std::size_t>(link.edge));
   ControlResult out = control.adjust(network);
-  for (slam::NavigationLink& link : links)
-    link.T_a_b = SE3(link.T_a_b.rotation(), out.scale * link.T_a_b.translation());
+  for (slam::NavigationLink& link : links) link.T_a_b = grown(link.T_a_b, out.scale);
   for (std::size_t k = 0; k < solved.poses.size(); ++k)
     solved.poses[k] = solved.graph.poses[static_cast<std::size_t>(solved.nodes[k])];
   solved.converged = out.converged;
