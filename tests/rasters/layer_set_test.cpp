@@ -285,5 +285,23 @@ TEST_F(LayerSet, NothingGivesNoLayersAndAFullDiskIsTold) {
   EXPECT_THROW((void)readReduced(folder_ / "none.tif", 100), std::runtime_error);
 }
 
+// A program that is killed meanwhile leaves what the next one may take away.
+TEST_F(LayerSet, WhatIsHalfWrittenSaysSoInItsName) {
+  RasterSource source;
+  source.extent = {0, 0, 2 * kCogBlock, 2 * kCogBlock};
+  source.cell = 1;
+  source.touches = [](const CellWindow&) { return true; };
+  int seen = 0;
+  source.fill = [&](const CellWindow& w, void* out) {
+    std::fill_n(static_cast<float*>(out), w.cells(), 1.F);
+    for (const auto& entry : std::filesystem::directory_iterator(folder_)) {
+      EXPECT_NE(entry.path().filename().string().find(".tmp"), std::string::npos) << entry.path();
+      ++seen;
+    }
+  };
+  writeCog(folder_ / "x.tif", source, {kOrigin, "", "", true, 0});
+  EXPECT_GE(seen, 4);
+}
+
 }  // namespace
 }  // namespace fathom::topside

@@ -225,7 +225,7 @@ std::vector<TiffLevel> placed(std::vector<TiffLevel> levels, std::uint64_t begin
 
 void writeCog(const std::filesystem::path& path, const RasterSource& source, const CogOptions& options) {
   std::filesystem::path waiting = path;
-  waiting += ".blocks";
+  waiting += ".blocks.tmp";
   BlockFile blocks(waiting);
   const Pyramid pyramid(source, options, blocks);
 

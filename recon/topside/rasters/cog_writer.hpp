@@ -35,7 +35,7 @@ struct CogOptions {
 // takes a third and does not look at empty places at all.
 //
 // Blocks are made quarter by quarter, each level's from the one below, so that memory is a few blocks; what
-// is encoded waits beside `path` in "<path>.blocks". BigTIFF where it must be. Throws std::runtime_error.
+// is encoded waits beside `path` in "<path>.blocks.tmp". BigTIFF where it must be. Throws std::runtime_error.
 void writeCog(const std::filesystem::path& path, const RasterSource& source, const CogOptions& options);
 
 constexpr int kCogBlock = 512;  // [cells]
