@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "recon/closure/feature_slot.hpp"
+#include "recon/geometry/image_mask.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -242,6 +243,11 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
   const cv::Mat& seen_so = m.from_above ? m.above : m.small;
   const auto wanted = static_cast<std::size_t>(m.config.max_features);
   m.detector->detect(seen_so, m.points);
+  if (left.mask != nullptr)
+    std::erase_if(m.points, [&](const cv::KeyPoint& p) {
+      const double radius = 0.5 * m.shrink * static_cast<double>(p.size);
+      return left.mask->hides(m.pixelOf(placeOf(p, m.config.kind)), radius);
+    });
   thin(m.points, seen_so.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
   m.ended("detect");
 
@@ -253,6 +259,7 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
     const Eigen::Vector2d pixel = m.pixelOf(placeOf(p, m.config.kind));
     StereoMatch found;
     if (!m.matcher.match(left, right, pixel, range, found)) continue;
+    if (right.mask != nullptr && right.mask->hides(found.right, m.config.stereo.refine_window / 2)) continue;
     const double size = static_cast<double>(p.size);
     const double sigma = m.shrink * (m.config.place_sigma + m.config.place_sigma_per_size * size);
     const Eigen::Matrix3f c = m.matcher.pointCovariance(pixel, found, sigma).cast<float>();

@@ -32,11 +32,11 @@ class FeatureExtractor {
   // As the rig stands from now on; of the same images.
   void setRig(const StereoRig& rig);
 
-  // `left`, `right`: 8-bit mono, lighting corrected, the rig's size. Empty or wrongly sized images give no
-  // features. `depths`: narrows the configured range, where the altitude is known. `ground`: the seafloor's
-  // normal in the left camera's axes, away from it; where the camera looks at it aslant, features are sought
-  // and described in a view from straight above, so that they are the same from all sides. The result is
-  // reused by the next call.
+  // `left`, `right`: 8-bit mono, lighting corrected, the rig's size. Empty or wrongly sized images, and what
+  // their masks hide, give no features. `depths`: narrows the configured range, where the altitude is known.
+  // `ground`: the seafloor's normal in the left camera's axes, away from it; where the camera looks at it
+  // aslant, features are sought and described in a view from straight above, so that they are the same from
+  // all sides. The result is reused by the next call.
   const FrameFeatures& process(const ImageView& left, const ImageView& right);
   const FrameFeatures& process(const ImageView& left, const ImageView& right, const DepthRange& depths,
                                const Eigen::Vector3d& ground = Eigen::Vector3d::UnitZ());

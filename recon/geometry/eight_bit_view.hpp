@@ -19,10 +19,14 @@ inline std::size_t pixelsOf(const Camera& camera) {
 // A camera's image of 8-bit samples, rows without padding; `samples` holds pixelsOf() times
 // samplesPerPixel().
 inline ImageView eightBitView(const std::vector<std::uint8_t>& samples, const Camera& camera,
-                              PixelFormat format) {
-  return {samples.data(), camera.width,
-          camera.height,  static_cast<std::size_t>(camera.width) * samplesPerPixel(format),
-          format,         8};
+                              PixelFormat format, const ImageMask* mask = nullptr) {
+  return {samples.data(),
+          camera.width,
+          camera.height,
+          static_cast<std::size_t>(camera.width) * samplesPerPixel(format),
+          format,
+          8,
+          mask};
 }
 
 }  // namespace fathom

@@ -68,8 +68,7 @@ void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* rang
   Errors errors;
   for (std::size_t c = 0; c < channels.size(); ++c) {
     ChannelModel& channel = channels[c];
-    channel.statistics().add(static_cast<const T*>(image.data), image.stride / sizeof(T), bits,
-                             static_cast<float>(config.saturated), brightnesses, ranges, means);
+    channel.statistics().add<T>(image, static_cast<float>(config.saturated), brightnesses, ranges, means);
     if (solved_images < config.min_images || !channel.known()) continue;
     foretell(channel, errors);
     learnRatios(c, range);

@@ -49,11 +49,11 @@ class LightingModel {
   LightingModel(int width, int height, PixelFormat format, int bits, const LightingConfig& config);
   ~LightingModel();
 
-  // Learns. The models follow at every image up to the 32nd, from then on when 1/16 more have been seen.
-  // Wrongly shaped images are ignored and counted. Without ranges (or where they are unknown) an image
-  // teaches the first two models alone. What was learnt counts half after config.memory further images.
-  // `exposure_s`: as the image is stamped; its brightness is taken to be in proportion. 0: not known, and
-  // taken to be that of the first image that tells.
+  // Learns, of what the image's mask does not hide. The models follow at every image up to the 32nd, from
+  // then on when 1/16 more have been seen. Wrongly shaped images are ignored and counted. Without ranges (or
+  // where they are unknown) an image teaches the first two models alone. What was learnt counts half after
+  // config.memory further images. `exposure_s`: as the image is stamped; its brightness is taken to be in
+  // proportion. 0: not known, and taken to be that of the first image that tells.
   void add(const ImageView& image, const RangeLattice& range, double exposure_s = 0);
   void add(const ImageView& image);
   [[nodiscard]] int images() const;

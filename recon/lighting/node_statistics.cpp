@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/image_mask.hpp"
+
 namespace fathom::lighting {
 namespace {
 
@@ -63,10 +65,12 @@ std::size_t NodeStatistics::block(std::size_t node) const {
 }
 
 template <typename T>
-void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float saturated,
-                         std::span<const float> brightness, std::span<const float> ranges,
-                         std::span<float> means) {
+void NodeStatistics::add(const ImageView& image, float saturated, std::span<const float> brightness,
+                         std::span<const float> ranges, std::span<float> means) {
   constexpr int kTableBits = 12;
+  const T* samples = static_cast<const T*>(image.data);
+  const std::size_t stride = image.stride / sizeof(T);
+  const int bits = image.bits, samples_per_pixel = image.format == PixelFormat::kRgb ? 3 : 1;
   const float full = static_cast<float>((1 << bits) - 1), scale = 1.0F / full;
   const auto table_index = [bits](T v) {
     const unsigned wide = bits > kTableBits ? static_cast<unsigned>(v) >> (bits - kTableBits)
@@ -85,11 +89,9 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
           channel_.column + place(i, lattice_.columns, k, channel_.width) * channel_.column_step;
 
   for (int j = 0; j < lattice_.rows; ++j) {
-    std::array<const T*, kSide> lines;
+    std::array<int, kSide> rows;
     for (int k = 0; k < kSide; ++k)
-      lines[index(k)] =
-          samples +
-          index(channel_.row + place(j, lattice_.rows, k, channel_.height) * channel_.row_step) * stride;
+      rows[index(k)] = channel_.row + place(j, lattice_.rows, k, channel_.height) * channel_.row_step;
     for (int i = 0; i < lattice_.columns; ++i) {
       const std::size_t node = index(j * lattice_.columns + i);
       const float range = ranges[node], darker = 1.0F / brightness[node];
@@ -97,9 +99,12 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
       const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
       Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
       float n = 0, sum = 0, squares = 0;
-      for (const T* line : lines) {
+      for (const int row : rows) {
+        const T* line = samples + index(row) * stride;
         for (int k = 0; k < kSide; ++k) {
-          const T sample = line[columns[index(i * kSide + k)]];
+          const int column = columns[index(i * kSide + k)];
+          if (image.mask != nullptr && image.mask->hides({column / samples_per_pixel, row})) continue;
+          const T sample = line[column];
           const float raw = scale * static_cast<float>(sample), value = raw * darker;
           if (raw >= saturated) {
             ++saturated_;
@@ -132,10 +137,10 @@ void NodeStatistics::add(const T* samples, std::size_t stride, int bits, float s
   }
 }
 
-template void NodeStatistics::add(const std::uint8_t*, std::size_t, int, float, std::span<const float>,
-                                  std::span<const float>, std::span<float>);
-template void NodeStatistics::add(const std::uint16_t*, std::size_t, int, float, std::span<const float>,
-                                  std::span<const float>, std::span<float>);
+template void NodeStatistics::add<std::uint8_t>(const ImageView&, float, std::span<const float>,
+                                                std::span<const float>, std::span<float>);
+template void NodeStatistics::add<std::uint16_t>(const ImageView&, float, std::span<const float>,
+                                                 std::span<const float>, std::span<float>);
 
 void NodeStatistics::halve() {
   for (std::size_t k = 0; k < cells_.size(); ++k) {

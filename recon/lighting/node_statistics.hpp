@@ -36,12 +36,12 @@ class NodeStatistics {
  public:
   NodeStatistics(const Channel& channel, const NodeLattice& lattice);
 
-  // Takes up to 16 samples spread over each node's cell, those below `saturated` (of `full_scale`; `bits`:
-  // 8 to 16), and divides them by `brightness` of their node. `T`: uint8_t or uint16_t; `stride` in samples;
-  // `ranges`: a node's path length [m], not positive: unknown. `means` receives each node's mean in this
-  // image, or -1 if all its samples were saturated.
+  // Takes up to 16 samples spread over each node's cell, those below `saturated` (of full scale) that the
+  // image's mask does not hide, and divides them by `brightness` of their node. `T`: uint8_t or uint16_t, as
+  // the image's bits are; `ranges`: a node's path length [m], not positive: unknown. `means` receives each
+  // node's mean in this image, or -1 if none of its samples was taken.
   template <typename T>
-  void add(const T* samples, std::size_t stride, int bits, float saturated, std::span<const float> brightness,
+  void add(const ImageView& image, float saturated, std::span<const float> brightness,
            std::span<const float> ranges, std::span<float> means);
 
   // All that was taken counts half from here on; what is left of less than one sample is forgotten.

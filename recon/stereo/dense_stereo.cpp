@@ -191,6 +191,7 @@ void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
     ++result.rejected.no_track;
     return;
   }
+  if (!found.showsGround(limits, left, match.position, result)) return;
   MatchPoints::Rays rays;
   if (found.nearEpipolarLine(limits, left, left_ray, match.position, rays, result))
     found.add(limits, left, match.position, rays, match.covariance, result);
@@ -236,7 +237,7 @@ const StereoResult& DenseStereo::process(const ImageView& left, const ImageView&
   m.found.widen(m.result);
   m.mesh.dropOutliers(m.limits, m.result);
   m.ended("outliers");
-  m.mesh.triangulate(m.limits, m.result);
+  m.mesh.triangulate(m.limits, m.result, left.mask);
   m.ended("triangles");
   return m.result;
 }

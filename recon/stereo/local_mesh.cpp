@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/geometry/image_mask.hpp"
+
 namespace fathom::stereo {
 namespace {
 
@@ -13,6 +15,15 @@ bool isSurface(const SparseStereoConfig& limits, const Eigen::Vector3d& a, const
   if (longest > limits.max_edge * limits.max_edge) return false;
   const Eigen::Vector3d normal = (b - a).cross(c - a), sight = a + b + c;
   return std::abs(normal.dot(sight)) > std::cos(limits.max_slope) * normal.norm() * sight.norm();
+}
+
+// Tells by the triangle's middle and those of its sides.
+bool spansHidden(const ImageMask& mask, const Eigen::Vector2f& a, const Eigen::Vector2f& b,
+                 const Eigen::Vector2f& c) {
+  for (const Eigen::Vector2f& at : {Eigen::Vector2f((a + b + c) / 3), Eigen::Vector2f((a + b) / 2),
+                                    Eigen::Vector2f((b + c) / 2), Eigen::Vector2f((c + a) / 2)})
+    if (mask.hides(at.cast<double>())) return true;
+  return false;
 }
 
 }  // namespace
@@ -44,12 +55,16 @@ void LocalMesh::dropOutliers(const SparseStereoConfig& limits, StereoResult& res
   result.points.resize(kept);
 }
 
-void LocalMesh::triangulate(const SparseStereoConfig& limits, StereoResult& result) {
+void LocalMesh::triangulate(const SparseStereoConfig& limits, StereoResult& result, const ImageMask* mask) {
   result.triangles.clear();
   const auto at = [&](std::uint32_t i) { return result.points[i].point.cast<double>(); };
-  for (const Delaunay::Triangle& t : triangulatePixels(result))
+  const auto pixel = [&](std::uint32_t i) -> const Eigen::Vector2f& { return result.points[i].left; };
+  for (const Delaunay::Triangle& t : triangulatePixels(result)) {
+    if (!isSurface(limits, at(t[0]), at(t[1]), at(t[2]))) continue;
+    if (mask != nullptr && spansHidden(*mask, pixel(t[0]), pixel(t[1]), pixel(t[2]))) continue;
     // Turned over: counter-clockwise for the camera, whose image has y down.
-    if (isSurface(limits, at(t[0]), at(t[1]), at(t[2]))) result.triangles.push_back({t[0], t[2], t[1]});
+    result.triangles.push_back({t[0], t[2], t[1]});
+  }
 }
 
 }  // namespace fathom::stereo

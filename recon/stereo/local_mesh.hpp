@@ -21,8 +21,9 @@ class LocalMesh {
   void dropOutliers(const SparseStereoConfig& limits, StereoResult& result);
 
   // Fills result.triangles: Delaunay triangles of the left pixels (rounded) whose edges are no longer than
-  // max_edge, seen no flatter than max_slope.
-  void triangulate(const SparseStereoConfig& limits, StereoResult& result);
+  // max_edge, seen no flatter than max_slope. Those that span what `mask`, the left image's, hides are left
+  // out: nobody saw ground there.
+  void triangulate(const SparseStereoConfig& limits, StereoResult& result, const ImageMask* mask = nullptr);
 
  private:
   const std::vector<Delaunay::Triangle>& triangulatePixels(const StereoResult& result);

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "recon/geometry/image_mask.hpp"
+
 namespace fathom::stereo {
 namespace {
 
@@ -34,12 +36,24 @@ void MatchPoints::begin(StereoResult& result) {
   result.rejected = {};
   result.corners = 0;
   noise_.clear();
+  left_mask_ = right_mask_ = nullptr;
 }
 
 bool MatchPoints::begin(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                         StereoResult& result) {
   begin(result);
+  left_mask_ = left.mask;
+  right_mask_ = right.mask;
   return fits(left, rig_.left) && fits(right, rig_.right) && usable(plane);
+}
+
+bool MatchPoints::showsGround(const SparseStereoConfig& limits, const Eigen::Vector2d& left,
+                              const Eigen::Vector2d& right, StereoResult& result) const {
+  const double reach = limits.window / 2;
+  const bool shown = (left_mask_ == nullptr || !left_mask_->hides(left, reach)) &&
+                     (right_mask_ == nullptr || !right_mask_->hides(right, reach));
+  if (!shown) ++result.rejected.no_track;
+  return shown;
 }
 
 bool MatchPoints::nearEpipolarLine(const SparseStereoConfig& limits, const Eigen::Vector2d& left,

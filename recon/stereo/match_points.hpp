@@ -27,6 +27,10 @@ class MatchPoints {
   // The same where there are no images.
   void begin(StereoResult& result);
 
+  // False, and counted as `no_track`, where the window about either pixel shows the vehicle.
+  [[nodiscard]] bool showsGround(const SparseStereoConfig& limits, const Eigen::Vector2d& left,
+                                 const Eigen::Vector2d& right, StereoResult& result) const;
+
   struct Rays {
     Eigen::Vector3d left, right;  // (x, y, 1), each in its own camera's frame
     EpipolarDistance::Offset offset;
@@ -47,6 +51,7 @@ class MatchPoints {
   EpipolarDistance epipolar_;
   MidpointTriangulation triangulation_;
   MatchNoise noise_;
+  const ImageMask *left_mask_ = nullptr, *right_mask_ = nullptr;  // of this frame
 };
 
 }  // namespace fathom::stereo

@@ -153,6 +153,7 @@ void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane
     ++result.rejected.no_track;
     return;
   }
+  if (!found.showsGround(config, left, there.position, result)) return;
   result.matches.push_back({left, there.position});
   MatchPoints::Rays rays;
   if (!found.nearEpipolarLine(config, left, left_ray, there.position, rays, result)) return;
@@ -205,7 +206,7 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   m.ended("tracking");
   m.mesh.dropOutliers(m.config, m.result);
   m.ended("outliers");
-  m.mesh.triangulate(m.config, m.result);
+  m.mesh.triangulate(m.config, m.result, left.mask);
   m.ended("triangles");
   return m.result;
 }

@@ -57,7 +57,8 @@ struct StereoResult {
   std::vector<StereoPoint> points;
   std::vector<std::array<std::uint32_t, 3>> triangles;  // of points; normals towards the camera
   struct Rejected {
-    std::uint32_t no_track = 0;  // nothing alike found, or another place with the window's middle alone
+    // Nothing alike found, or another place with the window's middle alone, or a part of the vehicle.
+    std::uint32_t no_track = 0;
     std::uint32_t left_right = 0, epipolar = 0, range = 0;
     std::uint32_t outlier = 0;  // depth contradicts the neighbours'
     std::uint32_t fish = 0;     // on something in mid-water
@@ -91,9 +92,9 @@ class SparseStereo {
   SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels = nullptr);
   ~SparseStereo();
 
-  // `left`, `right`: 8-bit mono, the rig's size. `max_features`: this frame's quota of corners, up to the
-  // configured number; <= 0: as configured. The result is reused by the next call. Empty or wrongly sized
-  // images give an empty result.
+  // `left`, `right`: 8-bit mono, the rig's size; what their masks hide gives no points. `max_features`: this
+  // frame's quota of corners, up to the configured number; <= 0: as configured. The result is reused by the
+  // next call. Empty or wrongly sized images give an empty result.
   const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                               int max_features = 0);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <utility>
 
 namespace fathom::surface {
 namespace {
@@ -150,10 +151,12 @@ void smooth(LowPass& pass) {
 
 }  // namespace
 
-BandImage makeBands(RgbImage image, const BandWidths& widths) {
+BandImage makeBands(RgbImage image, const BandWidths& widths, std::shared_ptr<const ImageMask> mask) {
   assert(widths.fine >= 2 && widths.fine <= 16 && widths.coarse >= 2 && widths.reduction >= 1);
   assert(image.width >= widths.reduction && image.height >= widths.reduction);
   BandImage out;
+  out.mask = std::move(mask);
+  out.reduction = widths.reduction;
   out.image = widths.reduction > 1 ? reduced(image, widths.reduction) : std::move(image);
   if (widths.restore) out.image = restored(out.image);
   out.fine = meansOf(out.image, widths.fine);

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
+#include "recon/geometry/image_mask.hpp"
 #include "recon/geometry/rgb_image.hpp"
 
 namespace fathom::surface {
@@ -31,14 +34,26 @@ struct LowPass {
 // An image (reduced where asked) and its low passes.
 struct BandImage {
   RgbImage image;
-  LowPass fine, coarse;  // G(s1), G(s2)
+  LowPass fine, coarse;                   // G(s1), G(s2)
+  std::shared_ptr<const ImageMask> mask;  // of the image before it was reduced; null: nothing is hidden
+  int reduction = 1;
+
+  // What remains of the image at one of its positions beside what is hidden: 0 there, 1 from `fade` [px] on.
+  [[nodiscard]] float openness(float u, float v, float fade) const {
+    if (!mask) return 1;
+    const auto by = static_cast<float>(reduction);
+    const float clear = mask->clearanceAt(by * (u + 0.5F) - 0.5F, by * (v + 0.5F) - 0.5F);
+    return std::min(clear / std::min(by * fade, ImageMask::kFarthest), 1.0F);
+  }
 
   [[nodiscard]] std::size_t bytes() const {
     return image.rgb.size() + 2 * (fine.values.size() + coarse.values.size());
   }
 };
 
-// `image` must be at least as large as one coarse square (scale * scale px).
-[[nodiscard]] BandImage makeBands(RgbImage image, const BandWidths& widths);
+// `image` must be at least as large as one coarse square (scale * scale px). What `mask` hides should be
+// filled: it is in the means of its surroundings.
+[[nodiscard]] BandImage makeBands(RgbImage image, const BandWidths& widths,
+                                  std::shared_ptr<const ImageMask> mask = nullptr);
 
 }  // namespace fathom::surface

@@ -43,15 +43,16 @@ struct BlendCounts {
 // equations 1 and 2; Burt & Adelson 1983):
 //   texel = sum over bands b of  sum over views i of w_b(r_i) B_b,i / sum over views i of w_b(r_i),
 //   w_b(r) = exp(-k_b r),  r = distance of the projected point from the image's centre (1 in the corners),
-//                          and beyond it what the ground's resolution costs: 1 - z_min / z of the view's range z
-//                          and the nearest view's, so that twice as far counts as half the way to the corner,
+//                          and beyond it what the ground's resolution costs: 1 - z_min / z of the view's
+//                          range z and the nearest view's, so that twice as far counts as half the way to the
+//                          corner,
 // with bands that do not overlap: B = G(s2), G(s1) - G(s2), I - G(s1). To that comes a factor common to all
 // bands that falls to 0 at the image's border, at the edge of what is hidden and for faces seen edge-on, so
 // that no view begins or ends with a step. A view counts for a texel when its camera sees the point: inside
-// the image, facing, and nothing of `occluders` in between. Moving things are voted out where three or more
-// views see a place and one differs by more than their spread. Texels that no view sees take their
-// neighbours' colours, and so do the gutters and the room between charts. One object a thread; it keeps its
-// memory. The result does not depend on the instruction set.
+// the image, not hidden by its mask, facing, and nothing of `occluders` in between. Moving things are voted
+// out where three or more views see a place and one differs by more than their spread. Texels that no view
+// sees take their neighbours' colours, and so do the gutters and the room between charts. One object a
+// thread; it keeps its memory. The result does not depend on the instruction set.
 class TextureBlender {
  public:
   TextureBlender(const Camera& camera, const BlendConfig& config);

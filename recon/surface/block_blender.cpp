@@ -84,7 +84,7 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
       if (freedom_[i] == 0) continue;
       const float free = active.depth.visibility(u_[row + i], v_[row + i], depth_[i], tile_.tolerance);
       counts.occluded += free == 0;
-      freedom_[i] *= free;
+      freedom_[i] *= free * active.bands->openness(u_[row + i], v_[row + i], tile_.fade);
       centrality_[i] += std::max(0.0F, 1 - nearest / depth_[i]);
       any |= freedom_[i] > 0;
     }

@@ -81,7 +81,8 @@ void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>
     kernels.projectNodes(views[view].projection, nodes, fade, at);
     for (std::size_t i = 0; i < nodes_; ++i) {
       const bool seen = known[i] != 0 && at.freedom[i] > 0 &&
-                        views[view].depth.visibility(at.u[i], at.v[i], at.depth[i], tolerance) > 0;
+                        views[view].depth.visibility(at.u[i], at.v[i], at.depth[i], tolerance) > 0 &&
+                        views[view].bands->openness(at.u[i], at.v[i], fade) > 0;
       one[i] = seen ? 1.0F : 0.0F;
       seen_[view * nodes_ + i] = seen;
     }

@@ -133,6 +133,7 @@ const Survey& Dive::survey() {
                        "holds control points, which are of no use with --no-slam: leave one of them out");
     (void)sightingsOf(*input_.control, survey_->list);
   }
+  if (input_.masks) input_.masks->requireUse(survey_->list);
   for (const ImagePair& pair : survey_->list.pairs)
     image_identities_.push_back(input_.imageIdentity(pair.left, pair.right));
   return *survey_;
@@ -250,8 +251,8 @@ const ModelPlan& Dive::plan() {
   const Digest key = planKey(input_, config_, grid_, poses_content_, prepared_->content());
   const WorkFile file = single(Stage::kPlan, key, [&](WorkFileWriter& out) {
     static const std::vector<slam::NavigationLink> kNone;
-    ModelPlan plan =
-        planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_, config_.model.division);
+    ModelPlan plan = planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_,
+                               config_.model.division, input_.region.get());
     plan.texel = config_.model.texel > 0
                      ? config_.model.texel
                      : nativeTexel(input_.rig.left, survey_->planes, config_.default_altitude);

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <set>
 
+#include "realtime/kernel/input_error.hpp"
 #include "recon/topside/dive.hpp"
 
 namespace fathom::topside {
@@ -67,6 +68,8 @@ const std::vector<TilePlaces>& Dive::levels() {
     const auto shared = std::make_shared<const WorkFile>(file);
     for (const TileRecord& record : readRecords(file)) places.emplace(record.tile, shared);
   }
+  if (places.empty() && input_.region)
+    throw InputError("--region", "", "the region has nothing of the surface that was seen");
   levels_.push_back(std::move(places));
   for (;;) {
     const TilePlaces& finer = levels_.back();

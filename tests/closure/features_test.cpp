@@ -10,6 +10,7 @@
 #include "recon/closure/feature_slot.hpp"
 #include "recon/closure/registration.hpp"
 #include "tests/closure/seafloor.hpp"
+#include "tests/support/strip_mask.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -53,6 +54,22 @@ TEST(Features, AreSpreadOverTheImageAndNotMoreThanWanted) {
   int quadrant[4] = {};
   for (const Feature& f : frame.features) ++quadrant[(f.left.x() > 240 ? 1 : 0) + (f.left.y() > 192 ? 2 : 0)];
   for (const int count : quadrant) EXPECT_GT(count, 12);
+}
+
+TEST(Features, AreNoneWhereAMaskHidesEitherImage) {
+  const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
+  ImageView left = images.leftView(), right = images.rightView();
+  const ImageMask in_left = test::stripMask(left.width, left.height, 0, 150),
+                  in_right = test::stripMask(right.width, right.height, 300, 350);
+  left.mask = &in_left;
+  right.mask = &in_right;
+  FeatureExtractor extractor(smallRig(), {});
+  const FrameFeatures& found = extractor.process(left, right);
+  ASSERT_GT(found.size(), 100U);
+  for (const Feature& f : found.features) {
+    EXPECT_GT(f.left.x(), 150);
+    EXPECT_FALSE(in_right.hides(f.right.cast<double>()));
+  }
 }
 
 TEST(Features, AreNoneForEmptyWrongOrFlatImages) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "tests/stereo/synthetic_scene.hpp"
+#include "tests/support/strip_mask.hpp"
 
 namespace fathom::stereo {
 namespace {
@@ -197,6 +198,30 @@ TEST(SparseStereo, TrianglesFaceTheCameraAndKeepToTheLongestEdge) {
     EXPECT_LT((b - a).cross(c - a).z(), 0.0F);
     EXPECT_LE(std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()}), 0.0601F);
   }
+}
+
+TEST(SparseStereo, WhatAMaskHidesInEitherImageGivesNoPointsAndNoTriangles) {
+  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const auto [left, right] = scene.render(kLeft, kRight);
+  SparseStereo stereo(scene.rig(), {});
+  const ImageMask in_left = test::stripMask(kWidth, kHeight, 200, 290),
+                  in_right = test::stripMask(kWidth, kHeight, 450, 480);
+  ImageView left_view = left.view(), right_view = right.view();
+  left_view.mask = &in_left;
+  right_view.mask = &in_right;
+  const StereoResult& result = stereo.process(left_view, right_view, {});
+  constexpr double kHalf = 7;  // of the window [px]
+  for (const StereoPoint& p : result.points) {
+    EXPECT_FALSE(in_left.hides(p.left.cast<double>(), kHalf)) << p.left.transpose();
+    EXPECT_FALSE(in_right.hides(p.right.cast<double>(), kHalf)) << p.right.transpose();
+  }
+  for (const auto& t : result.triangles) {
+    const auto [low, high] = std::minmax(
+        {result.points[t[0]].left.x(), result.points[t[1]].left.x(), result.points[t[2]].left.x()});
+    EXPECT_FALSE(low < 200 && high > 290) << low << ' ' << high;
+  }
+  EXPECT_GT(result.points.size(), 300U);
+  for (const RigMatch& match : result.matches) EXPECT_FALSE(in_left.hides(match.left, kHalf));
 }
 
 TEST(SparseStereo, QuotaOfAFrameBoundsItsCorners) {

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "tests/support/strip_mask.hpp"
 #include "tests/surface/seen_scene.hpp"
 
 namespace fathom::surface {
@@ -193,6 +194,41 @@ TEST(Blend, LeavesOutAFishThatOneOfFiveViewsSaw) {
   EXPECT_EQ(fishOf(voted), 0);
   const Error error = errorOf(voted.atlas, scene.paint, everywhere);
   EXPECT_LT(error.rms, 1.2 * errorOf(clean.atlas, scene.paint, everywhere).rms);
+}
+
+// A strip across the middle of every image, filled with about the seafloor's mean.
+TEST(Blend, LeavesOutWhatMasksHide) {
+  SeenScene scene = fiveViews();
+  scene.take();
+  const int width = scene.camera.width, height = scene.camera.height;
+  constexpr std::uint8_t kFilled = 110;
+  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  for (const int reduction : {1, 2}) {
+    BlendConfig config;
+    config.vote = false;
+    config.bands.reduction = reduction;
+    const auto rmsOf = [&](bool masked) {
+      Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
+      const ViewIndex index(scene.views);
+      TextureBlender blender(scene.camera, config);
+      (void)blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&tile.mesh},
+                          TextureBlender::BandSource([&](std::uint32_t image) {
+                            const int first = width * (image % 2 == 0 ? 3 : 4) / 8;
+                            RgbImage picture = scene.pictures[image];
+                            for (int y = 0; y < height; ++y)
+                              std::fill_n(picture.at(first, y), 3 * (width / 4), kFilled);
+                            auto mask = std::make_shared<ImageMask>(
+                                test::stripMask(width, height, first, first + width / 4 - 1));
+                            return std::make_shared<const BandImage>(
+                                makeBands(std::move(picture), config.bands, masked ? mask : nullptr));
+                          }));
+      return errorOf(atlas, scene.paint, everywhere).rms;
+    };
+    const double seen = rmsOf(false), hidden = rmsOf(true);
+    std::printf("rms of the texture: %.1f with a filled strip, %.1f with it hidden\n", seen, hidden);
+    EXPECT_LT(hidden, 0.4 * seen);
+    EXPECT_LT(hidden, 6);
+  }
 }
 
 TEST(Blend, KeepsAStrongContrastThatPosesPlaceDifferently) {

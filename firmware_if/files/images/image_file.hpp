@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -29,7 +30,8 @@ struct ImageName {
 // An image read from a file, owning its pixels.
 struct ImageFile {
   std::vector<std::uint8_t> bytes;
-  ImageView view;  // into `bytes`
+  ImageView view;                              // into `bytes`
+  std::shared_ptr<const ImageMask> mask = {};  // that of the view, if it has one
 };
 
 // Reads a single-channel 8 or 16 bit TIFF (or PNG); `format` and `bits` as mission.toml says. Throws

@@ -52,6 +52,12 @@ void addPoseSettings(CLI::App& command, RunSettings& s) {
       "--control", input.control,
       "folder of control points, check points and scale bars (MISSION/control, if it is there)");
   command.add_option("--control-crs", input.control_crs, "of their eastings and northings, as EPSG:32755");
+  command.add_option("--masks", input.masks,
+                     "picture for all images, black where they show the vehicle, or folder of such "
+                     "(MISSION/masks, if it is there)");
+  command.add_option("--region", input.region,
+                     "polygons that the model keeps to, as GeoJSON or what else GDAL reads "
+                     "(MISSION/region.geojson, if it is there)");
   addSampleOptions(command, input.left_format, input.right_format);
   command.add_flag("--verify", input.verify, "tell images apart by content, not by size and time");
 }

@@ -249,6 +249,25 @@ void takeControl(MissionInput& in, const InputOptions& options) {
   in.control_identity = hasher.finish();
 }
 
+void takeMasks(MissionInput& in, const InputOptions& options) {
+  const fs::path own = in.paths.root / "masks";
+  if (options.masks.empty() && !fs::is_directory(own)) return;
+  const fs::path& path = options.masks.empty() ? own : options.masks;
+  if (in.features_only)
+    throw InputError(path.string(), "", "holds masks, and the mission no images, but features alone");
+  in.masks = std::make_shared<const ImageMasks>(path, in.rig);
+  in.assumed.push_back("masks: " + path.string() + " (black is left out)");
+}
+
+void takeRegion(MissionInput& in, const InputOptions& options) {
+  const fs::path own = in.paths.root / "region.geojson";
+  if (options.region.empty() && !fs::exists(own)) return;
+  const fs::path& file = options.region.empty() ? own : options.region;
+  in.region = std::make_shared<const Region>(file, in.origin());
+  in.assumed.push_back("region: " + file.string() + ", " + formatted("%.1f", in.region->area()) +
+                       " m2 (nothing outside is modelled)");
+}
+
 void addIdentity(Hasher& hasher, const fs::path& path, bool verify) {
   std::error_code error;
   const auto size = fs::file_size(path, error);
@@ -267,10 +286,17 @@ io::ImageFile MissionInput::image(const std::string& name, CameraSide side) cons
   const Camera& camera = left ? rig.left : rig.right;
   const PixelFormat format = left ? mission.cameras.left_format : mission.cameras.right_format;
   const fs::path path = paths.images() / name;
-  if (described) return io::readImage(path, format, mission.cameras.bits, camera.width, camera.height);
-  io::ImageFile file = readSamples(path, samples[left ? 0 : 1]);
-  requireSize(file, camera, path);
-  return fitted(std::move(file), format, mission.cameras.bits, path);
+  io::ImageFile file;
+  if (described) {
+    file = io::readImage(path, format, mission.cameras.bits, camera.width, camera.height);
+  } else {
+    file = readSamples(path, samples[left ? 0 : 1]);
+    requireSize(file, camera, path);
+    file = fitted(std::move(file), format, mission.cameras.bits, path);
+  }
+  if (masks) file.mask = masks->of(name, side);
+  file.view.mask = file.mask.get();
+  return file;
 }
 
 Digest MissionInput::imageIdentity(const std::string& left, const std::string& right) const {
@@ -280,6 +306,11 @@ Digest MissionInput::imageIdentity(const std::string& left, const std::string& r
   } else {
     addIdentity(hasher, paths.images() / left, verify);
     addIdentity(hasher, paths.images() / right, verify);
+  }
+  if (masks) {
+    for (const fs::path& file : masks->filesOfAll()) addIdentity(hasher, file, verify);
+    for (const std::string& name : {left, right})
+      if (const fs::path file = masks->fileOf(name); !file.empty()) addIdentity(hasher, file, verify);
   }
   return hasher.finish();
 }
@@ -336,6 +367,8 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   if (!in.described) assumeMission(in, options);
   if (in.control) in.control->placeAbout(in.mission.origin);
   takeSizes(in.rig, in.paths.calib(), {0, 0}, {0, 0});
+  takeMasks(in, options);
+  takeRegion(in, options);
   if (in.rig.left.port) in.assumed.push_back("flat ports: " + portsBeside(in.paths.calib()).string());
 
   in.colours = readColours(in.paths.calib());
@@ -354,6 +387,8 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
     digestFile(hasher, *raw);
   }
   for (const fs::path& file : options.nav.files) digestFile(hasher, file);
+  if (in.masks)
+    for (const fs::path& file : in.masks->files()) addIdentity(hasher, file, in.verify);
   hasher.add(options.nav.columns, options.nav.crs, options.nav.declination, options.nav.offset,
              options.nav.sigma, in.mounted);
   if (in.files) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -10,9 +11,11 @@
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/input/control/control_points.hpp"
+#include "recon/topside/input/images/image_masks.hpp"
 #include "recon/topside/input/images/image_samples.hpp"
 #include "recon/topside/input/images/stereo_files.hpp"
 #include "recon/topside/input/nav_files/nav_data.hpp"
+#include "recon/topside/input/region.hpp"
 #include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {
@@ -23,6 +26,8 @@ struct InputOptions {
   std::filesystem::path poses = {};  // stereo_pose_est.data: poses are taken from there, nothing is localised
   std::filesystem::path control = {};  // of control points; none: the folder's control/, where there is one
   std::string control_crs = {};        // of their eastings and northings, as EPSG:32755
+  std::filesystem::path masks = {};    // of images; none: the folder's masks/, where there is one
+  std::filesystem::path region = {};   // polygons that the model keeps to; none: the folder's region.geojson
   bool verify = false;  // images are told apart by content, not by name, size and time of change
   // Of a folder without mission.toml.
   StereoFileOptions files = {};                             // without images: those in the folder
@@ -42,8 +47,10 @@ struct MissionInput {
   bool features_only = false;
   std::optional<io::StereoPoseFile> given_poses;
   std::optional<ControlPoints> control;
-  Digest control_identity;           // of its tables
-  std::vector<std::string> assumed;  // what no file says, a line each
+  Digest control_identity;  // of its tables
+  std::shared_ptr<const ImageMasks> masks;
+  std::shared_ptr<const Region> region;  // null: all that was seen is modelled
+  std::vector<std::string> assumed;      // what no file says, a line each
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
   // they hold.
   bool described = true;
@@ -67,7 +74,8 @@ struct MissionInput {
   // the file, for one that is absent, damaged or other than that. Thread-safe.
   [[nodiscard]] io::ImageFile image(const std::string& name, CameraSide side) const;
 
-  // Of one pair's images (or feature file), as far as `verify` wants to know them; of absent ones too.
+  // Of one pair's images and masks (or feature file), as far as `verify` wants to know them; of absent ones
+  // too.
   [[nodiscard]] Digest imageIdentity(const std::string& left, const std::string& right) const;
 };
 

@@ -25,6 +25,7 @@ std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
                                  static_cast<std::size_t>(image.height));
   lighting::demosaicMono({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
                          grey.data());
+  if (image.mask != nullptr) fillHidden(grey.data(), 1, *image.mask);
   return grey;
 }
 
@@ -37,10 +38,11 @@ SeedPlanes scoutPlanes(const MissionInput& input, const TopsideConfig& config, c
     std::unique_ptr<stereo::PlaneScout>& scout = scouts.local();
     if (!scout) scout = std::make_unique<stereo::PlaneScout>(input.rig, config.stereo);
     try {
-      const auto left = stretchedGrey(input.image(list.pairs[k].left, CameraSide::kLeft).view);
-      const auto right = stretchedGrey(input.image(list.pairs[k].right, CameraSide::kRight).view);
-      found[k] = scout->find(eightBitView(left, input.rig.left, PixelFormat::kMono),
-                             eightBitView(right, input.rig.right, PixelFormat::kMono));
+      const io::ImageFile left = input.image(list.pairs[k].left, CameraSide::kLeft),
+                          right = input.image(list.pairs[k].right, CameraSide::kRight);
+      const auto left_grey = stretchedGrey(left.view), right_grey = stretchedGrey(right.view);
+      found[k] = scout->find(eightBitView(left_grey, input.rig.left, PixelFormat::kMono, left.view.mask),
+                             eightBitView(right_grey, input.rig.right, PixelFormat::kMono, right.view.mask));
     } catch (const InputError&) {  // counted where it is used
     }
     progress.step();

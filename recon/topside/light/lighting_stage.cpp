@@ -48,8 +48,8 @@ class RangeFinder {
       std::vector<Eigen::Vector3f> points;
       for (const stereo::StereoPoint& p :
            stereo_
-               .process(eightBitView(left, rig_.left, PixelFormat::kMono),
-                        eightBitView(right, rig_.right, PixelFormat::kMono), plane)
+               .process(eightBitView(left, rig_.left, PixelFormat::kMono, images.left->view.mask),
+                        eightBitView(right, rig_.right, PixelFormat::kMono, images.right->view.mask), plane)
                .points)
         points.push_back(p.point);
       std::vector<Eigen::Vector3f> right_points(points.size());

@@ -14,6 +14,7 @@ void correctOne(const lighting::LightingModel& model, const lighting::RangeLatti
   mono.resize(pixelsOf(camera));
   model.correct(file.view, ranges, corrected.data());
   lighting::demosaicMono(eightBitView(corrected, camera, file.view.format), mono.data());
+  if (file.mask) fillHidden(mono.data(), 1, *file.mask);
 }
 
 }  // namespace
@@ -54,11 +55,11 @@ ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
 }
 
 ImageView PairImages::left() const {
-  return eightBitView(left_mono_, rig_.left, PixelFormat::kMono);
+  return eightBitView(left_mono_, rig_.left, PixelFormat::kMono, left_file_.view.mask);
 }
 
 ImageView PairImages::right() const {
-  return eightBitView(right_mono_, rig_.right, PixelFormat::kMono);
+  return eightBitView(right_mono_, rig_.right, PixelFormat::kMono, right_file_.view.mask);
 }
 
 RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
@@ -70,6 +71,7 @@ RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eig
   RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
   models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data(), 0, gain);
   if (matrix_) matrix_->apply(image.rgb);
+  if (left_file_.mask) fillHidden(image.rgb.data(), 3, *left_file_.mask);
   return image;
 }
 

@@ -15,8 +15,8 @@
 
 namespace fathom::topside {
 
-// The images of one pair at a time, read and corrected for light. One object a thread; both references must
-// outlive it.
+// The images of one pair at a time, read and corrected for light, with what masks hide filled smoothly. One
+// object a thread; both references must outlive it.
 class PairImages {
  public:
   PairImages(const MissionInput& input, const LightingModels& models);
@@ -28,6 +28,9 @@ class PairImages {
 
   // The left image as it was read, until the next one is.
   [[nodiscard]] const ImageView& asRead() const { return left_file_.view; }
+
+  // What it shows of the vehicle; null: nothing.
+  [[nodiscard]] const std::shared_ptr<const ImageMask>& mask() const { return left_file_.mask; }
 
   // Corrects the left image alone: 8-bit mono, until the next call.
   [[nodiscard]] ImageView correctLeft(const stereo::SeedPlane& plane);

@@ -161,6 +161,7 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   addModelSettings(hasher, *in.config);
   addDeviations(hasher, in, piece);
   hasher.add(in.prepared->scale());
+  if (in.input->region) hasher.add(in.input->region->identity());
   const bool textured = in.images != nullptr;
   hasher.add(textured);
   if (textured) {
@@ -195,14 +196,17 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
     raw = fusion.extractTiles(in.grid, in.images != nullptr ? 1 : 0);
   }
   costs.add("fusion", watch.lap());
-  std::vector<const TileMesh*> core;
-  for (const TileMesh& tile : raw)
-    if (piece.core.contains(tile.tile) && !tile.mesh.empty()) core.push_back(&tile);
+  std::vector<TileMesh> core;
+  for (const TileMesh& tile : raw) {
+    if (!piece.core.contains(tile.tile)) continue;
+    TileMesh kept = in.input->region ? in.input->region->inside(tile) : tile;
+    if (!kept.mesh.empty()) core.push_back(std::move(kept));
+  }
 
   TileMaker maker(in, piece, raw);
   std::vector<TileBlocks> tiles(core.size());
   // In order, so that tiles that are made at once are neighbours, and want the same images.
-  inOrder(core.size(), threadsAllowed(), [&](std::size_t k) { tiles[k] = maker.make(*core[k]); });
+  inOrder(core.size(), threadsAllowed(), [&](std::size_t k) { tiles[k] = maker.make(core[k]); });
   facts.texels = maker.texels;
   facts.unseen = maker.unseen;
   facts.occluded = maker.occluded;

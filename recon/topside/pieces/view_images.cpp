@@ -71,7 +71,8 @@ ViewImages::Image ViewImages::read(std::uint32_t pair) {
     Mesh mesh;
     if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
     RgbImage colours = reader->colours(*plane, mesh.vertices, gains_[pair]);
-    image = std::make_shared<const surface::BandImage>(surface::makeBands(std::move(colours), bands_));
+    image = std::make_shared<const surface::BandImage>(
+        surface::makeBands(std::move(colours), bands_, reader->mask()));
   }
   const std::lock_guard lock(mutex_);
   idle_.push_back(std::move(reader));

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/kernel/input_error.hpp"
+#include "realtime/kernel/text.hpp"
 #include "recon/topside/plan/image_gains.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
@@ -40,6 +42,27 @@ fusion::Footprint footprintOf(const Mesh& mesh) {
            static_cast<double>(high.y())}};
 }
 
+void keepPiecesOf(const Region& region, const TileGrid& grid, ModelPlan& plan) {
+  const double edge = grid.edge(0);
+  std::array<double, 4> seen{INFINITY, INFINITY, -INFINITY, -INFINITY};  // by all pieces
+  std::erase_if(plan.pieces, [&](const fusion::Piece& piece) {
+    const std::array<double, 4> box{piece.core.x0 * edge, piece.core.y0 * edge, piece.core.x1 * edge,
+                                    piece.core.y1 * edge};
+    for (const std::size_t k : {0U, 1U}) {
+      seen[k] = std::min(seen[k], box[k]);
+      seen[k + 2] = std::max(seen[k + 2], box[k + 2]);
+    }
+    return !region.mayMeet(box);
+  });
+  if (!plan.pieces.empty()) return;
+  const auto about = [](const std::array<double, 4>& box) {
+    return formatted("north %.1f to %.1f m, east %.1f to %.1f m", box[0], box[2], box[1], box[3]);
+  };
+  throw InputError(
+      "--region", "",
+      "the region (" + about(region.box()) + ") has nothing of what was seen (" + about(seen) + ")");
+}
+
 }  // namespace
 
 std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3& T_body_cam) {
@@ -51,7 +74,7 @@ std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3&
 
 ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_nav_cam,
                     const std::vector<slam::NavigationLink>& closures, const TileGrid& grid,
-                    const fusion::DivisionConfig& division) {
+                    const fusion::DivisionConfig& division, const Region* region) {
   const std::size_t pairs = T_nav_cam.size();
   ModelPlan plan;
   plan.footprints.assign(pairs, kNowhere);
@@ -74,6 +97,7 @@ ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_na
     if (link.kept) joined.emplace_back(link.a, link.b);
   plan.gains = imageGains(prepared, T_nav_cam, joined);
   plan.pieces = fusion::divideSpace(plan.footprints, joined, grid, division);
+  if (region != nullptr) keepPiecesOf(*region, grid, plan);
   return plan;
 }
 
@@ -94,6 +118,7 @@ Digest planKey(const MissionInput& input, const TopsideConfig& config, const Til
   hasher.add("plan", kPlanVersion, poses, prepared, grid.voxel, grid.leaf_voxels, config.model.texel,
              division.target_meshes, division.max_meshes, division.overlap);
   addRig(hasher, input);
+  if (input.region) hasher.add(input.region->identity());
   return hasher.finish();
 }
 

@@ -23,10 +23,11 @@ struct ModelPlan {
 // Poses of the left camera of every pair with a mesh; identity elsewhere.
 [[nodiscard]] std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3& T_body_cam);
 
-// Reads every mesh once, in parallel; the result does not depend on the number of threads.
+// Reads every mesh once, in parallel; the result does not depend on the number of threads. `region`: only
+// pieces that may meet it; null: all. Throws InputError where there is none.
 [[nodiscard]] ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_nav_cam,
                                   const std::vector<slam::NavigationLink>& closures, const TileGrid& grid,
-                                  const fusion::DivisionConfig& division);
+                                  const fusion::DivisionConfig& division, const Region* region);
 
 // A pixel's edge on the ground from the dive's middle altitude, in steps of 0.1 mm [m].
 [[nodiscard]] double nativeTexel(const Camera& camera, const SeedPlanes& planes, double default_range);

@@ -62,7 +62,8 @@ bool looksLikeImage(const fs::path& path) {
 
 // What this project's programs leave in a dive's folder: pictures of it, not images.
 bool isResult(const fs::path& folder) {
-  static const std::set<std::string> kResults{"topside", "topside.work", "onboard", "monitor", "truth"};
+  static const std::set<std::string> kResults{"topside", "topside.work", "onboard",
+                                              "monitor", "truth",        "masks"};
   const std::string name = folder.filename().string();
   return name.front() == '.' || kResults.contains(name) || fs::exists(folder / "scene.json");
 }
@@ -73,6 +74,17 @@ void addFolder(const fs::path& folder, int deep, std::vector<fs::path>& out) {
     if (deep > 0 && entry.is_directory() && !isResult(entry.path())) addFolder(entry.path(), deep - 1, out);
   }
 }
+
+}  // namespace
+
+std::vector<fs::path> picturesIn(const fs::path& folder) {
+  std::vector<fs::path> files;
+  addFolder(folder, kDeep, files);
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+namespace {
 
 // A word stands alone where no letter continues its letters and no digit its digits; long words are found
 // within others too.

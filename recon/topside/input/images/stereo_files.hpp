@@ -43,6 +43,9 @@ struct StereoFiles {
 // is no pair, and for files that are absent.
 [[nodiscard]] StereoFiles findStereoFiles(const StereoFileOptions& options);
 
+// The pictures in a folder and a few levels below it, by their endings, in order of name.
+[[nodiscard]] std::vector<std::filesystem::path> picturesIn(const std::filesystem::path& folder);
+
 // The nearest right image of each left one, each used once: by their times, ascending [ns], about a skew that
 // follows the pairs found, because the cameras' clocks drift apart. None: no right image within `tolerance`
 // [s], which is wider by what clocks drift apart since the last pair or, before the first, since `start` [ns]

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "recon/geometry/geodesy.hpp"
+#include "recon/geometry/tile_mesh.hpp"
+#include "recon/topside/work/digest.hpp"
+
+namespace fathom::topside {
+
+// The part of the seafloor that is modelled: polygons, with holes or without.
+class Region {
+ public:
+  // All polygons of a file of any vector format that GDAL reads (GeoJSON, GeoPackage, shapefile). `origin`:
+  // of nav on Earth; none: coordinates are east and north in nav [m]. Throws InputError for a file that
+  // cannot be read or has no polygon, and for one that does not say how its coordinates lie on Earth.
+  Region(const std::filesystem::path& file, const std::optional<Geodetic>& origin);
+
+  [[nodiscard]] bool contains(double north, double east) const;
+  // False where a box (north and east of the low corner, then of the high one [m]) is outside for sure.
+  [[nodiscard]] bool mayMeet(const std::array<double, 4>& box) const;
+  [[nodiscard]] double area() const;                // [m2]
+  [[nodiscard]] std::array<double, 4> box() const;  // around all of it
+  [[nodiscard]] const Digest& identity() const { return identity_; }
+
+  // The triangles whose middles are inside, and their vertices.
+  [[nodiscard]] TileMesh inside(const TileMesh& tile) const;
+
+ private:
+  using Ring = std::vector<Eigen::Vector2d>;  // north, east [m]
+  struct Polygon {
+    std::vector<Ring> rings;  // the outer one, then holes
+    std::array<double, 4> box{};
+  };
+  std::vector<Polygon> polygons_;
+  Digest identity_;
+};
+
+}  // namespace fathom::topside

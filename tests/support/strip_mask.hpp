@@ -1,0 +1,19 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+#include "recon/geometry/image_mask.hpp"
+
+namespace fathom::test {
+
+// Hides the columns from `first` to `last`.
+inline ImageMask stripMask(int width, int height, int first, int last) {
+  ImageMask mask{width, height, {}};
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      mask.clearance.push_back(static_cast<std::uint8_t>(std::min(255, std::max({0, first - x, x - last}))));
+  return mask;
+}
+
+}  // namespace fathom::test
