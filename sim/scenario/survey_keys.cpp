@@ -31,6 +31,8 @@ void visitSurvey(KeyVisitor& keys, SurveyPlan& p, VehicleConfig& v) {
   keys.number("line_spacing_m", p.line_spacing, "m", 0.2, 100, "between parallel lines");
   keys.integer("cross_lines", p.cross_lines, 0, 100, "at right angles over the whole width");
   keys.number("overrun_m", p.overrun, "m", 0, 50, "of a cross line beyond the outermost lines");
+  keys.number("climb_per_line_m", p.climb_per_line, "m", -5, 5,
+              "of each line above the one before, up a wall");
   keys.leave();
 
   keys.enter("vehicle", "guidance and motion of the hull");

@@ -15,7 +15,7 @@ constexpr double kShortestPiece = 1e-9;  // shorter pieces are rounding [m]
 // Flies `line` from the end that is nearer to `position`.
 SurveyLine fromNearerEnd(const SurveyLine& line, const Eigen::Vector2d& position) {
   const bool swap = (line.to - position).norm() < (line.from - position).norm();
-  return swap ? SurveyLine{line.to, line.from} : line;
+  return swap ? SurveyLine{line.to, line.from, line.rise} : line;
 }
 
 }  // namespace
@@ -31,7 +31,8 @@ std::vector<SurveyLine> surveyLines(const SurveyPlan& plan) {
   for (int i = 0; i < plan.lines; ++i) {
     const Eigen::Vector2d middle = centre + across * (i * plan.line_spacing - half_width);
     const double sign = i % 2 == 0 ? 1.0 : -1.0;
-    lines.push_back({middle - sign * half_length * along, middle + sign * half_length * along});
+    lines.push_back(
+        {middle - sign * half_length * along, middle + sign * half_length * along, i * plan.climb_per_line});
   }
   // Cross lines, the one nearest to the end of the last line first.
   const bool ends_ahead = plan.lines % 2 == 1;
@@ -39,7 +40,8 @@ std::vector<SurveyLine> surveyLines(const SurveyPlan& plan) {
     const double fraction = (i + 1.0) / (plan.cross_lines + 1.0);
     const double place = (ends_ahead ? 1.0 - fraction : fraction) * plan.line_length - half_length;
     const Eigen::Vector2d reach = (half_width + plan.overrun) * across;
-    const SurveyLine line{centre + place * along + reach, centre + place * along - reach};
+    const SurveyLine line{centre + place * along + reach, centre + place * along - reach,
+                          (plan.lines - 1 + i) * plan.climb_per_line};
     lines.push_back(lines.empty() ? line : fromNearerEnd(line, lines.back().to));
   }
   return lines;
@@ -56,14 +58,14 @@ SurveyPath::SurveyPath(const std::vector<SurveyLine>& lines, double turn_radius)
   end_heading_ = headingOf(lines.front());
   for (const SurveyLine& line : lines) {
     const DubinsCurve turn = shortestDubins(end_, end_heading_, line.from, headingOf(line), turn_radius);
-    for (std::size_t i = 0; i < 3; ++i) append(turn.curvature[i], turn.length[i]);
-    append(0.0, (line.to - line.from).norm());
+    for (std::size_t i = 0; i < 3; ++i) append(turn.curvature[i], turn.length[i], line.rise);
+    append(0.0, (line.to - line.from).norm(), line.rise);
   }
 }
 
-void SurveyPath::append(double curvature, double length) {
+void SurveyPath::append(double curvature, double length, double rise) {
   if (length < kShortestPiece) return;
-  pieces_.push_back({end_, end_heading_, curvature, length_, length});
+  pieces_.push_back({end_, end_heading_, curvature, length_, length, rise});
   length_ += length;
   const Point end = at(length_);
   end_ = end.position;
@@ -84,6 +86,7 @@ SurveyPath::Point SurveyPath::at(double arc_length) const {
   Point point;
   point.heading = heading;
   point.turning = piece.curvature != 0.0;
+  point.rise = piece.rise;
   if (point.turning) {
     point.position = piece.start + Eigen::Vector2d(std::sin(heading) - std::sin(piece.heading),
                                                    std::cos(piece.heading) - std::cos(heading)) /

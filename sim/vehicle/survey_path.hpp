@@ -14,10 +14,12 @@ struct SurveyPlan {
   double line_spacing = 1.2;   // [m]
   int cross_lines = 1;         // at right angles, spread evenly over the lines' length
   double overrun = 0.5;        // by which a cross line reaches beyond the outermost lines [m]
+  double climb_per_line = 0;   // altitude of each line above that of the one before, up a wall [m]
 };
 
 struct SurveyLine {
   Eigen::Vector2d from, to;  // north, east [m]
+  double rise = 0;           // altitude beyond the vehicle's usual one [m]
 };
 // The lines in the order in which they are flown, each joined to the next by its nearer end.
 [[nodiscard]] std::vector<SurveyLine> surveyLines(const SurveyPlan& plan);
@@ -33,6 +35,7 @@ class SurveyPath {
     Eigen::Vector2d position;  // north, east [m]
     double heading = 0;        // of the tangent, not wrapped [rad]
     bool turning = false;
+    double rise = 0;  // of this line, or of the one that the turn leads to [m]
   };
   [[nodiscard]] Point at(double arc_length) const;
   [[nodiscard]] double length() const { return length_; }  // [m]
@@ -47,8 +50,9 @@ class SurveyPath {
     double curvature = 0;  // positive turns to starboard [1/m]
     double begin = 0;      // arc length at its start [m]
     double length = 0;     // [m]
+    double rise = 0;       // [m]
   };
-  void append(double curvature, double length);
+  void append(double curvature, double length, double rise);
   [[nodiscard]] const Piece& pieceAt(double arc_length) const;
 
   std::vector<Piece> pieces_;

@@ -137,7 +137,7 @@ class Guidance {
 
   void stepSurvey() {
     const double seafloor = shallowestAhead();
-    follower_.step(kStep, seafloor);
+    follower_.step(kStep, seafloor - path_.at(arc_).rise);
     const double clearance = seafloor - follower_.depth();
     const double step = config_.acceleration_mps2 * kStep;
     speed_ += std::clamp(wantedSpeed(clearance) - speed_, -step, step);

@@ -280,25 +280,34 @@ TEST(AlbedoImages, KeepTheContrastOfTheirPhotographsAndDoNotRepeat) {
   cv::imwrite((folder.path() / "ground" / "a.png").string(), image);
   const AlbedoImages ground(folder.path() / "ground", 0.0014, 1, 3),
       weak(folder.path() / "ground", 0.0014, 0.25, 3);
-  const auto sigmaOver = [](const AlbedoImages& albedo, double from) {
+  const Eigen::Vector3f level = -Eigen::Vector3f::UnitZ(), wall = Eigen::Vector3f::UnitY(),
+                        between = Eigen::Vector3f(0.1F, 0.7F, -0.7F).normalized();
+  // Over places a step apart along two directions.
+  const auto sigmaOver = [&](const AlbedoImages& albedo, double from, const Eigen::Vector3f& normal) {
+    const Eigen::Vector3f across = normal.cross(Eigen::Vector3f::UnitX()).normalized();
     double sum = 0, squares = 0;
     int n = 0;
     for (int i = 0; i < 100; ++i)
       for (int j = 0; j < 100; ++j, ++n) {
-        const auto v = static_cast<double>(
-            albedo.at({static_cast<float>(from + 0.0213 * i), static_cast<float>(0.0197 * j)}, 0.0014F)[1]);
+        const Eigen::Vector3f place = Eigen::Vector3f(static_cast<float>(from + 0.0213 * i), 0, 0) +
+                                      0.0197F * static_cast<float>(j) * across;
+        const auto v = static_cast<double>(albedo.at(place, normal, 0.0014F)[1]);
         sum += v, squares += v * v;
       }
     return std::sqrt(squares / n - sum * sum / n / n);
   };
   // Of one photograph's own green, its light taken out: 20 grey levels of 120.
-  EXPECT_NEAR(sigmaOver(ground, 0) / sigmaOver(ground, 40), 1, 0.03) << "the same all over";
-  EXPECT_NEAR(sigmaOver(weak, 0) / sigmaOver(ground, 0), 0.25, 0.02);
+  const double usual = sigmaOver(ground, 0, level);
+  EXPECT_NEAR(usual / sigmaOver(ground, 40, level), 1, 0.03) << "the same all over";
+  EXPECT_NEAR(sigmaOver(weak, 0, level) / usual, 0.25, 0.02);
+  EXPECT_NEAR(sigmaOver(ground, 0, wall) / usual, 1, 0.03) << "on a wall, too";
+  EXPECT_NEAR(sigmaOver(ground, 0, between) / usual, 1, 0.1);
   double same = 0, scatter = 0;
   for (int i = 0; i < 2000; ++i) {
-    const Eigen::Vector2f p(0.0113F * static_cast<float>(i % 50), 0.0131F * static_cast<float>(i / 50));
-    const double a = static_cast<double>(ground.at(p, 0.0014F)[1]),
-                 b = static_cast<double>(ground.at(p + Eigen::Vector2f(1.0F, 0), 0.0014F)[1]), m = 0.19;
+    const Eigen::Vector3f p(0.0113F * static_cast<float>(i % 50), 0.0131F * static_cast<float>(i / 50), 0);
+    const double a = static_cast<double>(ground.at(p, level, 0.0014F)[1]),
+                 b = static_cast<double>(ground.at(p + Eigen::Vector3f::UnitX(), level, 0.0014F)[1]),
+                 m = 0.19;
     same += (a - m) * (b - m), scatter += (a - m) * (a - m);
   }
   EXPECT_LT(std::abs(same / scatter), 0.1);

@@ -89,6 +89,19 @@ TEST(Vehicle, CruisesAtTheWantedSpeedAndAltitudeOnLines) {
   EXPECT_NEAR(mean, 0.5, 0.02);
 }
 
+TEST(Vehicle, FliesEachLineHigherWhereThePlanClimbs) {
+  SurveyPlan plan = smallPlan();
+  plan.climb_per_line = 0.4;
+  const Trajectory t = simulateVehicle(plan, VehicleConfig(), flat, 3);
+  const SurveyPath path(surveyLines(plan), VehicleConfig().turn_radius_m);
+  double highest = 0;
+  for (double time = t.surveyBegin(); time < t.surveyEnd(); time += 0.1)
+    highest = std::max(highest, 12.0 - t.poseAt(time).translation().z());
+  EXPECT_NEAR(12.0 - t.poseAt(t.surveyBegin() + 10).translation().z(), 2.0, 0.2);
+  EXPECT_NEAR(highest, 2.0 + 4 * 0.4, 0.2);
+  EXPECT_EQ(path.at(path.length()).rise, 1.6);
+}
+
 TEST(Vehicle, FloatsAtTheSurfaceBeforeAndAfterAndSurveysInBetween) {
   const VehicleConfig config;
   const Trajectory t = simulateVehicle(smallPlan(), config, flat, 3);

@@ -76,7 +76,29 @@ std::array<float, 3> AlbedoImages::piece(const Eigen::Vector2i& node, const Eige
   return image.sample({pixel.x() / width, 1 - pixel.y() / height}, texels);
 }
 
-std::array<float, 3> AlbedoImages::at(const Eigen::Vector2f& place, float footprint_m) const {
+std::array<float, 3> AlbedoImages::at(const Eigen::Vector3f& place, const Eigen::Vector3f& normal,
+                                      float footprint_m) const {
+  // Of the normal, along an axis from which photographs are laid on. One of the three is always more.
+  constexpr float kLeast = 0.55F;
+  const Eigen::Vector3f weights = (normal.cwiseAbs().array() - kLeast).max(0.0F);
+  constexpr float kApart = 97;  // [m]: another part of what is laid on from above
+  const std::array<Eigen::Vector2f, 3> planes{Eigen::Vector2f(place.y() + 2 * kApart, place.z()),
+                                              Eigen::Vector2f(place.x() + kApart, place.z()),
+                                              place.head<2>()};
+  std::array<float, 3> sum{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const float weight = weights[static_cast<Eigen::Index>(axis)];
+    if (weight == 0) continue;
+    const auto seen = inPlane(planes[axis], footprint_m);
+    if (weight == weights.sum()) return seen;
+    for (std::size_t c = 0; c < 3; ++c) sum[c] += weight * (seen[c] - mean_[c]);
+  }
+  std::array<float, 3> out{};
+  for (std::size_t c = 0; c < 3; ++c) out[c] = std::clamp(mean_[c] + sum[c] / weights.norm(), 0.01F, 1.0F);
+  return out;
+}
+
+std::array<float, 3> AlbedoImages::inPlane(const Eigen::Vector2f& place, float footprint_m) const {
   // To the lattice whose triangles are halves of unit squares.
   constexpr float kSlant = 0.57735027F;  // 1 / sqrt 3
   const Eigen::Vector2f p(place.x() / kEdge - kSlant * place.y() / kEdge, 2 * kSlant * place.y() / kEdge);

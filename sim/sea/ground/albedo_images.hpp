@@ -19,10 +19,13 @@ class AlbedoImages {
   // for a folder without images, or images too small to cut pieces from.
   AlbedoImages(const std::filesystem::path& folder, double pixel_m, double contrast, std::uint64_t seed);
 
-  // Linear red, green, blue at a place in plan [m], as a pixel of `footprint_m` sees it.
-  [[nodiscard]] std::array<float, 3> at(const Eigen::Vector2f& place, float footprint_m) const;
+  // Linear red, green, blue at a place [m] of a surface with that normal, as a pixel of `footprint_m` sees
+  // it: laid on from above where it slopes by less than 33 degrees, from the sides on what is steeper.
+  [[nodiscard]] std::array<float, 3> at(const Eigen::Vector3f& place, const Eigen::Vector3f& normal,
+                                        float footprint_m) const;
 
  private:
+  [[nodiscard]] std::array<float, 3> inPlane(const Eigen::Vector2f& place, float footprint_m) const;
   [[nodiscard]] std::array<float, 3> piece(const Eigen::Vector2i& node, const Eigen::Vector2f& from_node,
                                            float texels) const;
 

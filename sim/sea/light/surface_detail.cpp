@@ -51,7 +51,7 @@ SurfaceDetail SurfaceDetail::of(const TerrainConfig& terrain) {
 }
 
 void SurfaceDetail::apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const {
-  if (images_) point.albedo = images_->at(position.head<2>(), footprint_m);
+  if (images_) point.albedo = images_->at(position, point.normal, footprint_m);
   if (contrast_ <= 0) return;
   const Eigen::Vector3f place = lattice_from_local_ * position;
   float sum = 0, tint = 0, grit = 0;

@@ -17,7 +17,7 @@ class SurfaceDetail {
  public:
   // `contrast`: standard deviation relative to the albedo.
   SurfaceDetail(std::uint64_t seed, double contrast);
-  // Colours from photographs instead, in plan.
+  // Colours from photographs instead.
   SurfaceDetail(std::uint64_t seed, std::shared_ptr<const AlbedoImages> images);
   // That of a terrain.
   [[nodiscard]] static SurfaceDetail of(const TerrainConfig& terrain);
