@@ -10,7 +10,7 @@ namespace fathom {
 
 // Which pixels of a camera's image show parts of the vehicle, and how far every other one is from these.
 struct ImageMask {
-  static constexpr float kFarthest = 255;  // [px]; farther is told as this
+  static constexpr float kFarthest = 255;  // [px]; no more is counted
 
   int width = 0, height = 0;            // of the image [px]
   std::vector<std::uint8_t> clearance;  // row by row: distance from the nearest hidden pixel [px]; 0: hidden

@@ -14,6 +14,7 @@ struct ActiveView {
   ViewProjection projection;
   DepthBuffer depth;
   std::shared_ptr<const BandImage> bands;
+  float fade = 0;  // over which its weight rises from the image's border and from what is hidden [px]
 };
 
 }  // namespace fathom::surface

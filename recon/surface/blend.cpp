@@ -53,10 +53,8 @@ void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLatti
 }  // namespace
 
 struct TextureBlender::Impl {
-  Impl(const Camera& image_camera, const BlendConfig& blend_config)
-      : config(blend_config),
-        camera(image_camera.scaled(1.0 / blend_config.bands.reduction)),
-        block(blend_config, fastestBlendKernels()) {}
+  Impl(std::vector<Camera> of_bands, const BlendConfig& blend_config)
+      : config(blend_config), cameras(std::move(of_bands)), block(blend_config, fastestBlendKernels()) {}
 
   BlendCounts blend(Atlas& atlas, const ViewIndex& index, const std::vector<std::uint32_t>& places,
                     const std::vector<const Mesh*>& occluders, const BandSource& images);
@@ -64,7 +62,7 @@ struct TextureBlender::Impl {
                 const std::vector<const Mesh*>& occluders, const BandSource& images);
 
   BlendConfig config;
-  Camera camera;
+  std::vector<Camera> cameras;
   BlockBlender block;
   std::vector<ActiveView> views;
   std::vector<std::uint32_t> chosen;
@@ -76,14 +74,18 @@ void TextureBlender::Impl::activate(const ChartLattice& lattice, const ViewIndex
   views.clear();
   std::vector<ViewProjection> projections;
   projections.reserve(places.size());
-  for (const std::uint32_t place : places)
-    projections.emplace_back(camera, index.views()[place].T_nav_cam, lattice.origin);
+  for (const std::uint32_t place : places) {
+    const View& view = index.views()[place];
+    projections.emplace_back(cameras[view.camera], view.T_nav_cam, lattice.origin);
+  }
   const Occluders surfaces(occluders, lattice.origin);
   for (const std::uint32_t i : chooseViews(lattice, projections, config.views_of_a_place)) {
     auto bands = images(index.views()[places[i]].image);
     if (bands == nullptr) continue;
+    const Camera& camera = cameras[index.views()[places[i]].camera];
     assert(bands->image.width == camera.width && bands->image.height == camera.height);
-    views.push_back({places[i], projections[i], {}, std::move(bands)});
+    views.push_back(
+        {places[i], projections[i], {}, std::move(bands), static_cast<float>(kFade * camera.height)});
     views.back().depth.draw(surfaces, projections[i]);
   }
 }
@@ -103,17 +105,16 @@ BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
   activate(lattice, index, places, occluders, images);
   counts.texels = lattice.texels;
   counts.views = static_cast<std::uint32_t>(views.size());
-  const auto fade = static_cast<float>(kFade * camera.height),
-             tolerance = static_cast<float>(config.tolerance);
+  const auto tolerance = static_cast<float>(config.tolerance);
   std::optional<ViewVote> vote;
   if (config.vote) {
-    vote.emplace(lattice, views, fade, tolerance);
+    vote.emplace(lattice, views, tolerance);
     counts.outvoted = vote->outvoted();
   }
   chosen.clear();
   if (config.mode == BlendMode::kUnblended)
     chosen.assign(static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height), kNoView);
-  block.begin({&lattice, &views, vote ? &*vote : nullptr, &out, &chosen, fade, tolerance});
+  block.begin({&lattice, &views, vote ? &*vote : nullptr, &out, &chosen, tolerance});
 
   ColourGrid colours;
   for (std::size_t c = 0; c < atlas.charts.size(); ++c) {
@@ -133,7 +134,10 @@ BlendCounts TextureBlender::Impl::blend(Atlas& atlas, const ViewIndex& index,
 }
 
 TextureBlender::TextureBlender(const Camera& camera, const BlendConfig& config)
-    : impl_(std::make_unique<Impl>(camera, config)) {}
+    : TextureBlender(std::vector{camera.scaled(1.0 / config.bands.reduction)}, config) {}
+
+TextureBlender::TextureBlender(std::vector<Camera> cameras, const BlendConfig& config)
+    : impl_(std::make_unique<Impl>(std::move(cameras), config)) {}
 
 TextureBlender::~TextureBlender() = default;
 

@@ -55,11 +55,14 @@ struct BlendCounts {
 // thread; it keeps its memory. The result does not depend on the instruction set.
 class TextureBlender {
  public:
+  // One whose images are reduced as config.bands says.
   TextureBlender(const Camera& camera, const BlendConfig& config);
+  // Several, numbered by views: as their images are in the bands, reduced.
+  TextureBlender(std::vector<Camera> cameras, const BlendConfig& config);
   ~TextureBlender();
 
-  // The corrected 8-bit RGB image of a view (rig's size), or null where it cannot be had. It is asked for
-  // once a view and tile, and must stay until blend() returns.
+  // The corrected 8-bit RGB image of a view (its camera's size), or null where it cannot be had. It is asked
+  // for once a view and tile, and must stay until blend() returns.
   using ImageSource = std::function<const RgbImage*(std::uint32_t image)>;
   // The same with its bands, made by makeBands(image, config.bands) and kept by whoever uses an image for
   // several tiles; null where it cannot be had.

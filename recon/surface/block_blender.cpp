@@ -76,7 +76,7 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
     const std::size_t row = looking_.size() * n;
     for (auto* values : {&u_, &v_, &low_, &middle_band_, &high_})
       if (values->size() < row + n) values->resize(row + n);
-    kernels_.projectNodes(active.projection, nodes, tile_.fade,
+    kernels_.projectNodes(active.projection, nodes, active.fade,
                           {&u_[row], &v_[row], depth_.data(), centrality_.data(), freedom_.data()});
     bool any = false;
     for (std::size_t i = 0; i < n; ++i) {
@@ -84,7 +84,7 @@ void BlockBlender::look(std::size_t place, int i0, int j0, BlendCounts& counts) 
       if (freedom_[i] == 0) continue;
       const float free = active.depth.visibility(u_[row + i], v_[row + i], depth_[i], tile_.tolerance);
       counts.occluded += free == 0;
-      freedom_[i] *= free * active.bands->openness(u_[row + i], v_[row + i], tile_.fade);
+      freedom_[i] *= free * active.bands->openness(u_[row + i], v_[row + i], active.fade);
       centrality_[i] += std::max(0.0F, 1 - nearest / depth_[i]);
       any |= freedom_[i] > 0;
     }

@@ -28,7 +28,7 @@ class BlockBlender {
     const ViewVote* vote = nullptr;  // null: none
     RgbImage* atlas = nullptr;
     std::vector<std::uint32_t>* chosen = nullptr;  // null: not wanted
-    float fade = 0, tolerance = 0;
+    float tolerance = 0;
   };
   void begin(const Tile& tile) { tile_ = tile; }
 

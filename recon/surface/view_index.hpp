@@ -13,6 +13,7 @@ struct View {
   std::uint32_t image = 0;  // the caller's number of it
   SE3 T_nav_cam;
   std::array<double, 4> footprint{};  // north, east low, then high, of what it saw [m]
+  std::uint32_t camera = 0;           // that took it, of the blender's
 };
 
 // Views by their footprints: a bounding-volume hierarchy, split at the median of the longer side.

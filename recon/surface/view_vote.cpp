@@ -32,8 +32,7 @@ float medianOf(std::vector<float>& values) {
 
 }  // namespace
 
-ViewVote::ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade,
-                   float tolerance)
+ViewVote::ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float tolerance)
     : views_(views.size()) {
   const auto count = [](int nodes) { return (nodes - 2) / kStep + 2; };
   for (const ChartLattice::Grid& from : lattice.grids) {
@@ -41,14 +40,13 @@ ViewVote::ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& v
     nodes_ += static_cast<std::size_t>(grids_.back().columns) * static_cast<std::size_t>(grids_.back().rows);
   }
   if (views_ < kVoters) return;
-  sample(lattice, views, fade, tolerance);
+  sample(lattice, views, tolerance);
   takeGains();
   judge();
   if (outvoted_ > 0) spread();
 }
 
-void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade,
-                      float tolerance) {
+void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>& views, float tolerance) {
   std::vector<float> points[6];
   for (auto& values : points) values.resize(nodes_);
   std::vector<std::uint8_t> known(nodes_);
@@ -78,11 +76,11 @@ void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>
                       pixels[4].data()};
   const BlendKernels& kernels = fastestBlendKernels();
   for (std::size_t view = 0; view < views_; ++view) {
-    kernels.projectNodes(views[view].projection, nodes, fade, at);
+    kernels.projectNodes(views[view].projection, nodes, views[view].fade, at);
     for (std::size_t i = 0; i < nodes_; ++i) {
       const bool seen = known[i] != 0 && at.freedom[i] > 0 &&
                         views[view].depth.visibility(at.u[i], at.v[i], at.depth[i], tolerance) > 0 &&
-                        views[view].bands->openness(at.u[i], at.v[i], fade) > 0;
+                        views[view].bands->openness(at.u[i], at.v[i], views[view].fade) > 0;
       one[i] = seen ? 1.0F : 0.0F;
       seen_[view * nodes_ + i] = seen;
     }

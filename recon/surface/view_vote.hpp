@@ -20,7 +20,7 @@ class ViewVote {
  public:
   static constexpr int kStep = 2;  // nodes of the lattice
 
-  ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade, float tolerance);
+  ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float tolerance);
 
   // What remains of a view (1: all, 0: nothing) at a chart's lattice nodes [i0, i1) of row j.
   void factors(std::size_t view, std::size_t chart, int j, int i0, int i1, float* out) const;
@@ -32,7 +32,7 @@ class ViewVote {
     int columns = 0, rows = 0;
     std::size_t first = 0;
   };
-  void sample(const ChartLattice& lattice, const std::vector<ActiveView>& views, float fade, float tolerance);
+  void sample(const ChartLattice& lattice, const std::vector<ActiveView>& views, float tolerance);
   void takeGains();
   void judge();
   void spread();

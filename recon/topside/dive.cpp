@@ -134,31 +134,30 @@ const Survey& Dive::survey() {
     (void)sightingsOf(*input_.control, survey_->list);
   }
   if (input_.masks) input_.masks->requireUse(survey_->list);
-  for (const ImagePair& pair : survey_->list.pairs)
-    image_identities_.push_back(input_.imageIdentity(pair.left, pair.right));
+  for (const ImagePair& pair : survey_->list.pairs) image_identities_.push_back(input_.imageIdentity(pair));
   return *survey_;
 }
 
 const LightingModels& Dive::lighting() {
   if (lighting_) return *lighting_;
   const Survey& dive = survey();
-  auto models = std::make_unique<LightingModels>(input_.mission, input_.rig, config_.lighting);
+  auto models = std::make_unique<LightingModels>(input_, config_.lighting);
   const auto find = [&](const LightingModels& by) {
     return config_.mend_rig ? findRig(input_, config_, dive, by) : RigFinding();
   };
   if (input_.features_only) {
     rig_finding_ = find(*models);
   } else {
-    const Digest key = lightingKey(config_, survey_content_, image_identities_);
+    const Digest key = lightingKey(input_, config_, survey_content_, image_identities_);
     const WorkFile file = single(Stage::kLighting, key, [&](WorkFileWriter& out) {
-      auto learnt = std::make_unique<LightingModels>(input_.mission, input_.rig, config_.lighting);
+      auto learnt = std::make_unique<LightingModels>(input_, config_.lighting);
       learnLighting(input_, config_, dive, *learnt);
       const RigFinding found = find(*learnt);
       if (found.moved) {
         // Ranges, which light is learnt by, were those of a rig that stood otherwise.
         MissionInput turned = input_;
         turned.rig = rigAsFound(input_.rig, found);
-        learnt = std::make_unique<LightingModels>(turned.mission, turned.rig, config_.lighting);
+        learnt = std::make_unique<LightingModels>(turned, config_.lighting);
         learnLighting(turned, config_, dive, *learnt);
       }
       saveLighting(out, *learnt);
@@ -230,6 +229,7 @@ const SlamResult* Dive::localised() {
 // Control points found all that images measured to be so many times as large.
 void Dive::grow(double scale) {
   input_.rig = grown(input_.rig, scale);
+  for (ColourCamera& camera : input_.colour_cameras) camera.T_cam_left = grown(camera.T_cam_left, scale);
   prepared_->setScale(scale);
   for (auto& plane : survey_->planes)
     if (plane) plane->distance *= scale;
@@ -253,17 +253,38 @@ const ModelPlan& Dive::plan() {
     static const std::vector<slam::NavigationLink> kNone;
     ModelPlan plan = planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_,
                                config_.model.division, input_.region.get());
-    plan.texel = config_.model.texel > 0
-                     ? config_.model.texel
-                     : nativeTexel(input_.rig.left, survey_->planes, config_.default_altitude);
+    plan.texel = config_.model.texel > 0 ? config_.model.texel : finestPixel();
     savePlan(out, plan);
     return Costs();
   });
   plan_ = loadPlan(file);
-  // Texels larger than pixels are made from images reduced as much.
-  const double pixel = nativeTexel(input_.rig.left, survey_->planes, config_.default_altitude);
-  config_.model.blend.bands.reduction = std::max(1, static_cast<int>(plan_->texel / pixel));
+  texture_cameras_ = textureCameras(plan_->texel);
   return *plan_;
+}
+
+// Of the cameras with colours; where none has, the left one.
+std::vector<TextureCamera> Dive::textureCameras(double texel) const {
+  std::vector<TextureCamera> out;
+  const auto add = [&](std::size_t number) {
+    TextureCamera one{number, input_.camera(number), input_.T_cam_left(number).inverse(),
+                      config_.model.blend.bands};
+    // Texels larger than pixels are made from images reduced as much.
+    const double pixel = nativeTexel(one.camera, survey_->planes, config_.default_altitude);
+    one.bands.reduction = std::max(1, static_cast<int>(texel / pixel));
+    one.camera = one.camera.scaled(1.0 / one.bands.reduction);
+    out.push_back(std::move(one));
+  };
+  for (std::size_t number = 0; number < input_.cameras(); ++number)
+    if (input_.format(number) != PixelFormat::kMono) add(number);
+  if (out.empty()) add(0);
+  return out;
+}
+
+double Dive::finestPixel() const {
+  double finest = INFINITY;
+  for (const TextureCamera& one : textureCameras(0))
+    finest = std::min(finest, nativeTexel(one.camera, survey_->planes, config_.default_altitude));
+  return finest;
 }
 
 void Dive::make(Stage stage) {

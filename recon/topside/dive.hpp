@@ -86,6 +86,8 @@ class Dive {
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
   std::vector<StageTask> pieceTasks();
   void grow(double scale);
+  [[nodiscard]] std::vector<TextureCamera> textureCameras(double texel) const;
+  [[nodiscard]] double finestPixel() const;  // on the ground, of the texture's cameras [m]
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;
 
@@ -107,6 +109,7 @@ class Dive {
   bool localised_ = false;
   std::vector<SE3> T_nav_cam_;
   std::optional<ModelPlan> plan_;
+  std::vector<TextureCamera> texture_cameras_;
   std::unique_ptr<ViewImages> images_;
   PieceInputs piece_inputs_;
   std::vector<WorkFile> piece_files_;

@@ -31,7 +31,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   const ModelPlan& model = plan();
   if (textured() && !images_)
     images_ = std::make_unique<ViewImages>(input_, *survey_, *lighting_, *prepared_, model.gains,
-                                           config_.model.blend.bands, kImageBytes * threadsAllowed());
+                                           texture_cameras_, kImageBytes * threadsAllowed());
   piece_inputs_.input = &input_;
   piece_inputs_.config = &config_;
   piece_inputs_.prepared = prepared_.get();
@@ -40,6 +40,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   piece_inputs_.statistics = &model.statistics;
   piece_inputs_.planes = &survey_->planes;
   piece_inputs_.gains = &model.gains;
+  piece_inputs_.cameras = &texture_cameras_;
   piece_inputs_.images = images_.get();
   piece_inputs_.grid = grid_;
   piece_inputs_.texel = model.texel;

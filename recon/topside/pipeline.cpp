@@ -86,8 +86,7 @@ std::string faultOf(const MissionInput& input, const ImagePair& pair) {
       StereoFeatureFrame frame;
       io::readFeatureFile(input.paths.features() / io::featureFileName(pair.left), frame);
     } else {
-      (void)input.image(pair.left, CameraSide::kLeft);
-      (void)input.image(pair.right, CameraSide::kRight);
+      for (const std::size_t camera : {0U, 1U}) (void)input.image(pair, camera);
     }
   } catch (const InputError& error) {
     return error.what();
@@ -105,7 +104,7 @@ double secondsToPrepare(const MissionInput& input, const TopsideConfig& config, 
     if (input.navigated) planes.push_back(survey.planes[k]);
   }
   if (!input.navigated) planes = scoutPlanes(input, config, sample);
-  const LightingModels light(input.mission, input.rig, config.lighting);
+  const LightingModels light(input, config.lighting);
   const auto preparer = makePreparer(input, config, light, localises(input, config));
   double seconds = 0;
   int timed = 0;

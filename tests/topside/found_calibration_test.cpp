@@ -107,9 +107,7 @@ TEST_F(FoundCalibration, ImagesBrighterThanThoseThatTellTheBitsAreCutAndNotRefus
   EXPECT_EQ(input.mission.cameras.bits, 11) << "10 would be full scale at once";
   EXPECT_THAT(input.assumed,
               Contains(HasSubstr("of 11 bits, as some of them tell; brighter samples are cut")));
-  const auto brightest = [&](const char* name) {
-    return brightestOf(input.image(name, CameraSide::kLeft).view);
-  };
+  const auto brightest = [&](const char* name) { return brightestOf(input.image({0, name, ""}, 0).view); };
   EXPECT_EQ(brightest("left/1.pgm"), 1000);
   EXPECT_EQ(brightest("left/4.pgm"), 2047);
   test::writeText(folder_.path() / "left/1.pgm", deepImage(4095));  // a converter's full scale

@@ -2,9 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cstdio>
-#include <map>
 #include <opencv2/imgproc.hpp>
 #include <random>
 
@@ -12,6 +10,7 @@
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/reef_quick.hpp"
+#include "tests/topside/same_colours.hpp"
 #include "tests/topside/true_shift.hpp"
 
 namespace fathom::topside {
@@ -82,27 +81,11 @@ class FramedDive : public ReefQuick {
     const test::SurfaceDistance to_seafloor(seafloor, 0.25F);
     const Mesh clean = readPly(out_->path() / "topside" / "mesh.ply"),
                mesh = readPly(places.out / "mesh.ply");
-    // Vertices by squares of 2 cm.
-    const auto square = [](const Eigen::Vector3f& p) {
-      return std::array{static_cast<int>(std::floor(50 * p.x())), static_cast<int>(std::floor(50 * p.y()))};
-    };
-    std::map<std::array<int, 2>, std::size_t> by_square;
-    for (std::size_t k = 0; k < clean.vertices.size(); ++k) by_square[square(clean.vertices[k])] = k;
     std::vector<float> distances;
-    double squares = 0, count = 0;
-    for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
-      distances.push_back(to_seafloor(mesh.vertices[k] + shift));
-      const auto same = by_square.find(square(mesh.vertices[k]));
-      if (same == by_square.end()) continue;
-      for (std::size_t c = 0; c < 3; ++c) {
-        const double d = static_cast<double>(mesh.colours[k][c]) - clean.colours[same->second][c];
-        squares += d * d;
-        count += 1;
-      }
-    }
+    for (const Eigen::Vector3f& v : mesh.vertices) distances.push_back(to_seafloor(v + shift));
     std::sort(distances.begin(), distances.end());
     out.surface = static_cast<double>(distances[distances.size() * 95 / 100]);
-    out.colour = std::sqrt(squares / count);
+    out.colour = colourDifference(clean, mesh);
     return out;
   }
 };
@@ -128,18 +111,18 @@ TEST_F(FramedDive, MasksOfSingleImagesAreFoundByTheirNames) {
   for (const char* name : {"single/left/0.png.png", "single/left/1_mask.png", "single/left/2.png"})
     (void)maskFile(name, CameraSide::kLeft);
   (void)maskFile("single/right/1.png", CameraSide::kLeft);
-  const ImageMasks masks(folder, rig);
+  const ImageMasks masks(folder, {rig.left, rig.right});
   const cv::Mat shown = frameOf({rig.left.width, rig.left.height}, CameraSide::kLeft),
                 right = frameOf({rig.left.width, rig.left.height}, CameraSide::kRight);
   for (const char* image : {"left/0.png", "left/1.tif", "left/2.jpg"}) {
-    const auto mask = masks.of(image, CameraSide::kLeft);
+    const auto mask = masks.of(image, 0);
     ASSERT_TRUE(mask) << image;
     for (int y = 0; y < shown.rows; y += 5)
       for (int x = 0; x < shown.cols; x += 5)
         EXPECT_EQ(mask->hides({x, y}), shown.at<std::uint8_t>(y, x) == 0) << image;
   }
-  EXPECT_FALSE(masks.of("left/3.png", CameraSide::kLeft));
-  const auto both = masks.of("right/1.png", CameraSide::kRight);
+  EXPECT_FALSE(masks.of("left/3.png", 0));
+  const auto both = masks.of("right/1.png", 1);
   for (int x = 0; x < shown.cols; ++x)
     EXPECT_EQ(both->hides({x, 9}), shown.at<std::uint8_t>(9, x) == 0 || right.at<std::uint8_t>(9, x) == 0);
 }

@@ -182,7 +182,7 @@ Mission readMission(const MissionCheckOptions& options) {
 
 MissionCheck checkMission(const MissionCheckOptions& options) {
   const Mission m = readMission(options);
-  LightingModels lighting(m.input.mission, m.input.rig, m.topside.lighting);
+  LightingModels lighting(m.input, m.topside.lighting);
   learnLighting(m.input, m.topside, m.survey, lighting);
   const auto runs = runsOf(m.survey.list.pairs.size(), options.pairs);
   std::vector<RunResult> results(runs.size());

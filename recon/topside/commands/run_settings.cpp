@@ -52,6 +52,14 @@ void addPoseSettings(CLI::App& command, RunSettings& s) {
       "--control", input.control,
       "folder of control points, check points and scale bars (MISSION/control, if it is there)");
   command.add_option("--control-crs", input.control_crs, "of their eastings and northings, as EPSG:32755");
+  command.add_option("--colour", input.colour.images,
+                     "shell pattern, in quotes, of the images of a colour camera beside the pair, taken with "
+                     "its; several, if need be");
+  command.add_option("--colour-calib", input.colour.calibs,
+                     "for each: calibration of the left camera and this one as a pair");
+  command.add_option("--colour-format", input.colour.format, "as --left-format")
+      ->check(CLI::IsMember(sampleNames()))
+      ->capture_default_str();
   command.add_option("--masks", input.masks,
                      "picture for all images, black where they show the vehicle, or folder of such "
                      "(MISSION/masks, if it is there)");

@@ -1,7 +1,6 @@
 #include "recon/topside/input/mission_input.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cstdio>
 #include <numbers>
 #include <set>
@@ -14,12 +13,11 @@
 #include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/flat_port.hpp"
 #include "recon/topside/input/calibration/calibration.hpp"
+#include "recon/topside/input/images/image_probe.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;
 namespace {
-
-constexpr std::size_t kProbed = 32;  // images of each camera that tell a foreign folder's formats and bits
 
 // img/, the folder itself, or the one folder in it, whichever holds the image.
 fs::path folderHolding(const fs::path& root, const std::string& image) {
@@ -33,53 +31,6 @@ fs::path folderHolding(const fs::path& root, const std::string& image) {
   throw InputError(root.string(), image,
                    found.empty() ? "is neither here nor one folder below"
                                  : "lies in several folders; give one of them, or link them into img/");
-}
-
-// What samples of 16 bits really have, by the brightest of some images: a converter's full scale where it was
-// reached, else as much again as they show, for images that are brighter.
-int bitsBy(int brightest) {
-  constexpr int kLeast = 9, kMost = 16;
-  const int bits = std::bit_width(static_cast<unsigned>(brightest));
-  const bool full = brightest == (1 << bits) - 1;
-  return std::clamp(full ? bits : bits + 1, kLeast, kMost);
-}
-
-// A camera's images: the format and the bits that hold all of some of them, and the size of the first. Throws
-// InputError where nobody says that grey ones are a mosaic, as they seem to be.
-struct Probed {
-  PixelFormat format = PixelFormat::kMono;
-  int bits = 8;
-  std::array<int, 2> size{0, 0};  // width, height [px]
-};
-
-Probed probe(const fs::path& folder, const std::vector<std::string>& names, Samples samples,
-             const char* option) {
-  Probed out;
-  std::optional<Mosaic> mosaic;
-  const std::size_t step = std::max<std::size_t>(1, names.size() / kProbed);
-  bool first = true;
-  int brightest = -1;  // of more than 8 bits
-  for (std::size_t k = 0; k < names.size(); k += step) {
-    try {
-      const io::ImageFile file = readSamples(folder / names[k], samples);
-      const ImageView& view = file.view;
-      if (view.bits > 8) brightest = std::max(brightest, brightestOf(view));
-      if (first || view.format == PixelFormat::kRgb) out.format = view.format;
-      if (first) out.size = {view.width, view.height};
-      if (first && samples == Samples::kAuto && out.format == PixelFormat::kMono) mosaic = mosaicOf(view);
-      first = false;
-    } catch (const InputError&) {  // counted where it is used
-    }
-  }
-  if (brightest >= 0) out.bits = bitsBy(brightest);
-  if (mosaic && out.format == PixelFormat::kMono)
-    throw InputError(
-        folder / names.front(), "",
-        formatted("looks like a Bayer mosaic (every other pixel differs by %.0f %%): give %s %s, or "
-                  "another order, or mono if it is none",
-                  100 * mosaic->contrast, option,
-                  sampleNames()[static_cast<std::size_t>(mosaic->order)].c_str()));
-  return out;
 }
 
 std::string about(PixelFormat format) {
@@ -255,7 +206,9 @@ void takeMasks(MissionInput& in, const InputOptions& options) {
   const fs::path& path = options.masks.empty() ? own : options.masks;
   if (in.features_only)
     throw InputError(path.string(), "", "holds masks, and the mission no images, but features alone");
-  in.masks = std::make_shared<const ImageMasks>(path, in.rig);
+  std::vector<Camera> cameras;
+  for (std::size_t number = 0; number < in.cameras(); ++number) cameras.push_back(in.camera(number));
+  in.masks = std::make_shared<const ImageMasks>(path, std::move(cameras));
   in.assumed.push_back("masks: " + path.string() + " (black is left out)");
 }
 
@@ -281,35 +234,54 @@ void addIdentity(Hasher& hasher, const fs::path& path, bool verify) {
 
 }  // namespace
 
-io::ImageFile MissionInput::image(const std::string& name, CameraSide side) const {
-  const bool left = side == CameraSide::kLeft;
-  const Camera& camera = left ? rig.left : rig.right;
-  const PixelFormat format = left ? mission.cameras.left_format : mission.cameras.right_format;
+const Camera& MissionInput::camera(std::size_t number) const {
+  return number == 0 ? rig.left : number == 1 ? rig.right : colour_cameras[number - 2].camera;
+}
+
+SE3 MissionInput::T_cam_left(std::size_t number) const {
+  return number == 0 ? SE3() : number == 1 ? rig.T_right_left : colour_cameras[number - 2].T_cam_left;
+}
+
+PixelFormat MissionInput::format(std::size_t number) const {
+  return number == 0   ? mission.cameras.left_format
+         : number == 1 ? mission.cameras.right_format
+                       : colour_cameras[number - 2].format;
+}
+
+int MissionInput::bits(std::size_t number) const {
+  return number < 2 ? mission.cameras.bits : colour_cameras[number - 2].bits;
+}
+
+io::ImageFile MissionInput::image(const ImagePair& pair, std::size_t number) const {
+  const std::string& name = number == 0 ? pair.left : number == 1 ? pair.right : pair.colour[number - 2];
+  const Camera& camera = this->camera(number);
   const fs::path path = paths.images() / name;
+  if (name.empty()) throw InputError(paths.images() / pair.left, "", "has no image of a colour camera");
   io::ImageFile file;
-  if (described) {
-    file = io::readImage(path, format, mission.cameras.bits, camera.width, camera.height);
+  if (described && number < 2) {
+    file = io::readImage(path, format(number), bits(number), camera.width, camera.height);
   } else {
-    file = readSamples(path, samples[left ? 0 : 1]);
+    file = readSamples(path, number < 2 ? samples[number] : colour_cameras[number - 2].samples);
     requireSize(file, camera, path);
-    file = fitted(std::move(file), format, mission.cameras.bits, path);
+    file = fitted(std::move(file), format(number), bits(number), path);
   }
-  if (masks) file.mask = masks->of(name, side);
+  if (masks) file.mask = masks->of(name, number);
   file.view.mask = file.mask.get();
   return file;
 }
 
-Digest MissionInput::imageIdentity(const std::string& left, const std::string& right) const {
+Digest MissionInput::imageIdentity(const ImagePair& pair) const {
   Hasher hasher;
-  if (features_only) {
-    addIdentity(hasher, paths.features() / io::featureFileName(left), verify);
-  } else {
-    addIdentity(hasher, paths.images() / left, verify);
-    addIdentity(hasher, paths.images() / right, verify);
-  }
+  std::vector<std::string> names{pair.left, pair.right};
+  for (const std::string& name : pair.colour)
+    if (!name.empty()) names.push_back(name);
+  if (features_only)
+    addIdentity(hasher, paths.features() / io::featureFileName(pair.left), verify);
+  else
+    for (const std::string& name : names) addIdentity(hasher, paths.images() / name, verify);
   if (masks) {
     for (const fs::path& file : masks->filesOfAll()) addIdentity(hasher, file, verify);
-    for (const std::string& name : {left, right})
+    for (const std::string& name : names)
       if (const fs::path file = masks->fileOf(name); !file.empty()) addIdentity(hasher, file, verify);
   }
   return hasher.finish();
@@ -322,11 +294,15 @@ void addPose(Hasher& hasher, const SE3& pose) {
 }
 
 void addRig(Hasher& hasher, const MissionInput& input) {
-  for (const Camera* c : {&input.rig.left, &input.rig.right}) {
-    hasher.add(c->width, c->height, c->fx, c->fy, c->cx, c->cy, c->k1, c->k2, c->p1, c->p2, c->k3);
-    if (const auto& p = c->port)
+  for (std::size_t number = 0; number < input.cameras(); ++number) {
+    const Camera& c = input.camera(number);
+    hasher.add(c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.k1, c.k2, c.p1, c.p2, c.k3);
+    if (const auto& p = c.port)
       hasher.add(p->normal.x(), p->normal.y(), p->normal.z(), p->distance, p->glass, p->glass_index,
                  p->water_index);
+    if (number < 2) continue;
+    addPose(hasher, input.T_cam_left(number));
+    hasher.add(input.format(number), input.bits(number), input.colour_cameras[number - 2].samples);
   }
   addPose(hasher, input.rig.T_right_left);
   if (input.colours)
@@ -367,6 +343,7 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
   if (!in.described) assumeMission(in, options);
   if (in.control) in.control->placeAbout(in.mission.origin);
   takeSizes(in.rig, in.paths.calib(), {0, 0}, {0, 0});
+  in.colour_cameras = openColourCameras(options.colour, options.calib_unit, in.rig.left, in.assumed);
   takeMasks(in, options);
   takeRegion(in, options);
   if (in.rig.left.port) in.assumed.push_back("flat ports: " + portsBeside(in.paths.calib()).string());
@@ -387,6 +364,8 @@ MissionInput openMission(const fs::path& folder, const InputOptions& options) {
     digestFile(hasher, *raw);
   }
   for (const fs::path& file : options.nav.files) digestFile(hasher, file);
+  for (const ColourCamera& camera : in.colour_cameras)
+    for (const fs::path& file : camera.files) hasher.add(file.generic_string());
   if (in.masks)
     for (const fs::path& file : in.masks->files()) addIdentity(hasher, file, in.verify);
   hasher.add(options.nav.columns, options.nav.crs, options.nav.declination, options.nav.offset,

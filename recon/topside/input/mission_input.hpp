@@ -10,6 +10,7 @@
 #include "firmware_if/files/mission.hpp"
 #include "firmware_if/files/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/topside/input/colour_cameras.hpp"
 #include "recon/topside/input/control/control_points.hpp"
 #include "recon/topside/input/images/image_masks.hpp"
 #include "recon/topside/input/images/image_samples.hpp"
@@ -28,6 +29,7 @@ struct InputOptions {
   std::string control_crs = {};        // of their eastings and northings, as EPSG:32755
   std::filesystem::path masks = {};    // of images; none: the folder's masks/, where there is one
   std::filesystem::path region = {};   // polygons that the model keeps to; none: the folder's region.geojson
+  ColourCameraOptions colour = {};     // beside the pair
   bool verify = false;  // images are told apart by content, not by name, size and time of change
   // Of a folder without mission.toml.
   StereoFileOptions files = {};                             // without images: those in the folder
@@ -49,6 +51,7 @@ struct MissionInput {
   std::optional<ControlPoints> control;
   Digest control_identity;  // of its tables
   std::shared_ptr<const ImageMasks> masks;
+  std::vector<ColourCamera> colour_cameras;
   std::shared_ptr<const Region> region;  // null: all that was seen is modelled
   std::vector<std::string> assumed;      // what no file says, a line each
   // Without mission.toml: the images where their names tell the pairs, relative to paths.images(), and what
@@ -70,13 +73,20 @@ struct MissionInput {
   // Whether images have their times; else they are half a second apart.
   [[nodiscard]] bool timed() const { return !files || files->pairs.front().utc_ns.has_value(); }
 
+  // Cameras are numbered: 0 left, 1 right, from 2 on the colour cameras.
+  [[nodiscard]] std::size_t cameras() const { return 2 + colour_cameras.size(); }
+  [[nodiscard]] const Camera& camera(std::size_t number) const;
+  [[nodiscard]] SE3 T_cam_left(std::size_t number) const;
+  [[nodiscard]] PixelFormat format(std::size_t number) const;
+  [[nodiscard]] int bits(std::size_t number) const;
+
   // An image of the formats, bits and size that mission and calibration say. Throws InputError, which names
   // the file, for one that is absent, damaged or other than that. Thread-safe.
-  [[nodiscard]] io::ImageFile image(const std::string& name, CameraSide side) const;
+  [[nodiscard]] io::ImageFile image(const ImagePair& pair, std::size_t camera) const;
 
   // Of one pair's images and masks (or feature file), as far as `verify` wants to know them; of absent ones
   // too.
-  [[nodiscard]] Digest imageIdentity(const std::string& left, const std::string& right) const;
+  [[nodiscard]] Digest imageIdentity(const ImagePair& pair) const;
 };
 
 // Into the keys of results: the calibration and the mission's mounting and formats.

@@ -17,7 +17,8 @@ class Region {
  public:
   // All polygons of a file of any vector format that GDAL reads (GeoJSON, GeoPackage, shapefile). `origin`:
   // of nav on Earth; none: coordinates are east and north in nav [m]. Throws InputError for a file that
-  // cannot be read or has no polygon, and for one that does not say how its coordinates lie on Earth.
+  // cannot be read or has no polygon, and for one without the coordinate reference system that a dive on
+  // Earth needs.
   Region(const std::filesystem::path& file, const std::optional<Geodetic>& origin);
 
   [[nodiscard]] bool contains(double north, double east) const;

@@ -38,8 +38,7 @@ SeedPlanes scoutPlanes(const MissionInput& input, const TopsideConfig& config, c
     std::unique_ptr<stereo::PlaneScout>& scout = scouts.local();
     if (!scout) scout = std::make_unique<stereo::PlaneScout>(input.rig, config.stereo);
     try {
-      const io::ImageFile left = input.image(list.pairs[k].left, CameraSide::kLeft),
-                          right = input.image(list.pairs[k].right, CameraSide::kRight);
+      const io::ImageFile left = input.image(list.pairs[k], 0), right = input.image(list.pairs[k], 1);
       const auto left_grey = stretchedGrey(left.view), right_grey = stretchedGrey(right.view);
       found[k] = scout->find(eightBitView(left_grey, input.rig.left, PixelFormat::kMono, left.view.mask),
                              eightBitView(right_grey, input.rig.right, PixelFormat::kMono, right.view.mask));

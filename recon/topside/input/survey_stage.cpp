@@ -78,7 +78,7 @@ Survey navigated(const MissionInput& input, const TopsideConfig& config) {
 }
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 6;
+constexpr std::uint32_t kSurveyVersion = 7;
 
 }  // namespace
 
@@ -98,7 +98,7 @@ PairList pairsOf(const MissionInput& input) {
                        "with a column utc");
     const auto untimed = static_cast<std::int64_t>(list.pairs.size()) * kStepNs;
     list.pairs.push_back(
-        {pair.utc_ns.value_or(untimed), pair.left.generic_string(), pair.right.generic_string()});
+        {pair.utc_ns.value_or(untimed), pair.left.generic_string(), pair.right.generic_string(), {}});
   }
   for (const StereoFiles::Alone& alone : input.files->alone)
     ++(alone.missing == "right" ? list.left_alone : list.right_alone);
@@ -114,8 +114,11 @@ Digest surveyKey(const MissionInput& input, const TopsideConfig& config) {
 }
 
 Survey takeSurvey(const MissionInput& input, const TopsideConfig& config) {
-  if (!input.navigated) return imagesAlone(input, config);
-  Survey survey = input.given_poses ? fromPoses(input) : navigated(input, config);
+  Survey survey = !input.navigated    ? imagesAlone(input, config)
+                  : input.given_poses ? fromPoses(input)
+                                      : navigated(input, config);
+  takeColourImages(input.colour_cameras, input.paths.images(), config.pairing_tolerance, survey.list);
+  if (!input.navigated) return survey;
   survey.planes = seedPlanes(input.mission, survey.navigation.poses, config.default_altitude);
   if (!seesBeside(input)) return survey;
   const SeedPlanes found = scoutPlanes(input, config, survey.list);

@@ -11,8 +11,8 @@
 #include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/progress.hpp"
 #include "recon/geometry/eight_bit_view.hpp"
-#include "recon/lighting/rig_ranges.hpp"
 #include "recon/topside/input/scout_planes.hpp"
+#include "recon/topside/light/camera_ranges.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {
@@ -21,14 +21,16 @@ namespace {
 constexpr std::uint32_t kLightingVersion = 8;  // changes with the result
 constexpr int kRangePoints = 300;              // corners that show an image's ranges well enough
 
+// Of one moment, by camera.
 struct Images {
-  std::optional<io::ImageFile> left, right;
-  lighting::RangeLattice left_range, right_range;  // unknown without a pose
+  std::vector<std::optional<io::ImageFile>> files;
+  std::vector<lighting::RangeLattice> ranges;  // unknown without a pose
 };
 
-std::optional<io::ImageFile> readOrPass(const MissionInput& input, const std::string& name, CameraSide side) {
+std::optional<io::ImageFile> readOrPass(const MissionInput& input, const ImagePair& pair,
+                                        std::size_t camera) {
   try {
-    return input.image(name, side);
+    return input.image(pair, camera);
   } catch (const InputError&) {
     return std::nullopt;
   }
@@ -37,40 +39,43 @@ std::optional<io::ImageFile> readOrPass(const MissionInput& input, const std::st
 // Ranges of a pair's images: the seed plane, bent to what stereo finds.
 class RangeFinder {
  public:
-  RangeFinder(const StereoRig& rig, const stereo::SparseStereoConfig& config)
-      : rig_(rig), ranges_(rig), stereo_(rig, config) {}
+  RangeFinder(const MissionInput& input, const stereo::SparseStereoConfig& config)
+      : rig_(input.rig), stereo_(input.rig, config) {
+    for (std::size_t camera = 0; camera < input.cameras(); ++camera)
+      ranges_.emplace_back(input.camera(camera), input.T_cam_left(camera));
+  }
 
   void find(const stereo::SeedPlane& plane, Images& images) {
-    ranges_.fromPlane(plane.normal, plane.distance);
-    if (images.left && images.right) {
-      const std::vector<std::uint8_t> left = stretchedGrey(images.left->view);
-      const std::vector<std::uint8_t> right = stretchedGrey(images.right->view);
-      std::vector<Eigen::Vector3f> points;
+    std::vector<Eigen::Vector3f> points;
+    if (const auto& left = images.files[0], &right = images.files[1]; left && right) {
+      const std::vector<std::uint8_t> left_grey = stretchedGrey(left->view),
+                                      right_grey = stretchedGrey(right->view);
       for (const stereo::StereoPoint& p :
            stereo_
-               .process(eightBitView(left, rig_.left, PixelFormat::kMono, images.left->view.mask),
-                        eightBitView(right, rig_.right, PixelFormat::kMono, images.right->view.mask), plane)
+               .process(eightBitView(left_grey, rig_.left, PixelFormat::kMono, left->view.mask),
+                        eightBitView(right_grey, rig_.right, PixelFormat::kMono, right->view.mask), plane)
                .points)
         points.push_back(p.point);
-      std::vector<Eigen::Vector3f> right_points(points.size());
-      ranges_.bendTo(points, right_points);
     }
-    images.left_range = ranges_.left();
-    images.right_range = ranges_.right();
+    for (std::size_t camera = 0; camera < ranges_.size(); ++camera)
+      images.ranges[camera] = ranges_[camera].of(plane, points);
   }
 
  private:
   const StereoRig& rig_;
-  lighting::RigRanges ranges_;
+  std::vector<CameraRanges> ranges_;
   stereo::SparseStereo stereo_;
 };
 
 }  // namespace
 
-LightingModels::LightingModels(const io::MissionConfig& mission, const StereoRig& rig,
-                               const lighting::LightingConfig& config)
-    : left(rig.left.width, rig.left.height, mission.cameras.left_format, mission.cameras.bits, config),
-      right(rig.right.width, rig.right.height, mission.cameras.right_format, mission.cameras.bits, config) {}
+LightingModels::LightingModels(const MissionInput& input, const lighting::LightingConfig& config)
+    : left(input.rig.left.width, input.rig.left.height, input.format(0), input.bits(0), config),
+      right(input.rig.right.width, input.rig.right.height, input.format(1), input.bits(1), config) {
+  for (const ColourCamera& c : input.colour_cameras)
+    colour.push_back(
+        std::make_unique<lighting::LightingModel>(c.camera.width, c.camera.height, c.format, c.bits, config));
+}
 
 std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& config) {
   const std::size_t count = std::min(pairs, static_cast<std::size_t>(config.lighting_images));
@@ -79,7 +84,7 @@ std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& c
   return chosen;
 }
 
-Digest lightingKey(const TopsideConfig& config, const Digest& survey,
+Digest lightingKey(const MissionInput& input, const TopsideConfig& config, const Digest& survey,
                    const std::vector<Digest>& image_identities) {
   const lighting::LightingConfig& c = config.lighting;
   static_assert(sizeof c == 48);  // a new setting belongs here too
@@ -90,6 +95,7 @@ Digest lightingKey(const TopsideConfig& config, const Digest& survey,
   // The rig is found with it.
   const slam::SensorNoise& n = config.navigation.noise;
   hasher.add(config.slam_features, n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading, n.heading);
+  if (!input.colour_cameras.empty()) addRig(hasher, input);
   for (const std::size_t pair : lightingPairs(image_identities.size(), config))
     hasher.add(image_identities[pair]);
   return hasher.finish();
@@ -99,6 +105,7 @@ void saveLighting(WorkFileWriter& file, const LightingModels& models) {
   file.add("models", savedBytes([&](rt::StateWriter& writer) {
              models.left.save(writer);
              models.right.save(writer);
+             for (const auto& model : models.colour) model->save(writer);
              writer(models.unreadable);
            }));
 }
@@ -106,8 +113,9 @@ void saveLighting(WorkFileWriter& file, const LightingModels& models) {
 void loadLighting(const WorkFile& file, LightingModels& models) {
   const Bytes bytes = file.read("models");
   rt::StateReader reader(bytes);
-  if (!models.left.load(reader) || !models.right.load(reader) || !reader(models.unreadable))
-    throw DamagedWork(file.path());
+  bool whole = models.left.load(reader) && models.right.load(reader);
+  for (const auto& model : models.colour) whole = whole && model->load(reader);
+  if (!whole || !reader(models.unreadable)) throw DamagedWork(file.path());
 }
 
 void learnLighting(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
@@ -135,20 +143,23 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
               tbb::filter_mode::parallel,
               [&](std::size_t index) {
                 auto images = std::make_shared<Images>();
-                images->left = readOrPass(input, pairs[index].left, CameraSide::kLeft);
-                images->right = readOrPass(input, pairs[index].right, CameraSide::kRight);
+                images->ranges.resize(input.cameras());
+                for (std::size_t camera = 0; camera < input.cameras(); ++camera)
+                  images->files.push_back(readOrPass(input, pairs[index], camera));
                 if (const auto& plane = survey.planes[index]) {
                   std::unique_ptr<RangeFinder>& finder = finders.local();
-                  if (!finder) finder = std::make_unique<RangeFinder>(input.rig, stereo);
+                  if (!finder) finder = std::make_unique<RangeFinder>(input, stereo);
                   finder->find(*plane, *images);
                 }
                 return images;
               }) &
           tbb::make_filter<std::shared_ptr<Images>, void>(
               tbb::filter_mode::serial_in_order, [&](const std::shared_ptr<Images>& images) {
-                if (images->left) models.left.add(images->left->view, images->left_range);
-                if (images->right) models.right.add(images->right->view, images->right_range);
-                models.unreadable += (images->left ? 0U : 1U) + (images->right ? 0U : 1U);
+                for (std::size_t camera = 0; camera < images->files.size(); ++camera) {
+                  const auto& file = images->files[camera];
+                  if (file) models.of(camera).add(file->view, images->ranges[camera]);
+                  if (!file && camera < 2) ++models.unreadable;
+                }
                 progress.step();
               }));
 }

@@ -1,9 +1,8 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "recon/geometry/stereo_rig.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/survey_stage.hpp"
@@ -13,9 +12,15 @@ namespace fathom::topside {
 
 // One model a camera.
 struct LightingModels {
-  LightingModels(const io::MissionConfig& mission, const StereoRig& rig,
-                 const lighting::LightingConfig& config);
+  LightingModels(const MissionInput& input, const lighting::LightingConfig& config);
   lighting::LightingModel left, right;
+  std::vector<std::unique_ptr<lighting::LightingModel>> colour;  // of the colour cameras
+  [[nodiscard]] const lighting::LightingModel& of(std::size_t camera) const {
+    return camera == 0 ? left : camera == 1 ? right : *colour[camera - 2];
+  }
+  [[nodiscard]] lighting::LightingModel& of(std::size_t camera) {
+    return camera == 0 ? left : camera == 1 ? right : *colour[camera - 2];
+  }
   std::uint64_t unreadable = 0;  // images passed over
 };
 
@@ -23,7 +28,7 @@ struct LightingModels {
 [[nodiscard]] std::vector<std::size_t> lightingPairs(std::size_t pairs, const TopsideConfig& config);
 
 // `survey`: the content of its result.
-[[nodiscard]] Digest lightingKey(const TopsideConfig& config, const Digest& survey,
+[[nodiscard]] Digest lightingKey(const MissionInput& input, const TopsideConfig& config, const Digest& survey,
                                  const std::vector<Digest>& image_identities);
 void saveLighting(WorkFileWriter& file, const LightingModels& models);
 void loadLighting(const WorkFile& file, LightingModels& models);  // throws DamagedWork

@@ -20,13 +20,15 @@ void correctOne(const lighting::LightingModel& model, const lighting::RangeLatti
 }  // namespace
 
 PairImages::PairImages(const MissionInput& input, const LightingModels& models)
-    : input_(input), rig_(input.rig), models_(models), ranges_(rig_), left_ranges_(rig_.left) {
+    : input_(input), rig_(input.rig), models_(models), ranges_(rig_), files_(input.cameras()) {
+  for (std::size_t camera = 0; camera < input.cameras(); ++camera)
+    colour_ranges_.emplace_back(input.camera(camera), input.T_cam_left(camera));
   if (input.colours) matrix_.emplace(*input.colours);
 }
 
-bool PairImages::readOne(const std::string& name, CameraSide side, io::ImageFile& file) {
+bool PairImages::readCamera(const ImagePair& pair, std::size_t camera) {
   try {
-    file = input_.image(name, side);
+    files_[camera] = input_.image(pair, camera);
   } catch (const InputError& error) {
     error_ = error.what();
     return false;
@@ -34,44 +36,40 @@ bool PairImages::readOne(const std::string& name, CameraSide side, io::ImageFile
   return true;
 }
 
-bool PairImages::readLeft(const ImagePair& pair) {
-  return readOne(pair.left, CameraSide::kLeft, left_file_);
-}
-
 bool PairImages::read(const ImagePair& pair) {
-  return readLeft(pair) && readOne(pair.right, CameraSide::kRight, right_file_);
+  return readCamera(pair, 0) && readCamera(pair, 1);
 }
 
 void PairImages::correct(const stereo::SeedPlane& plane) {
   ranges_.fromPlane(plane.normal, plane.distance);
-  correctOne(models_.left, ranges_.left(), left_file_, rig_.left, left_, left_mono_);
-  correctOne(models_.right, ranges_.right(), right_file_, rig_.right, right_, right_mono_);
+  correctOne(models_.left, ranges_.left(), files_[0], rig_.left, left_, left_mono_);
+  correctOne(models_.right, ranges_.right(), files_[1], rig_.right, right_, right_mono_);
 }
 
 ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
   ranges_.fromPlane(plane.normal, plane.distance);
-  correctOne(models_.left, ranges_.left(), left_file_, rig_.left, left_, left_mono_);
+  correctOne(models_.left, ranges_.left(), files_[0], rig_.left, left_, left_mono_);
   return left();
 }
 
 ImageView PairImages::left() const {
-  return eightBitView(left_mono_, rig_.left, PixelFormat::kMono, left_file_.view.mask);
+  return eightBitView(left_mono_, rig_.left, PixelFormat::kMono, files_[0].view.mask);
 }
 
 ImageView PairImages::right() const {
-  return eightBitView(right_mono_, rig_.right, PixelFormat::kMono, right_file_.view.mask);
+  return eightBitView(right_mono_, rig_.right, PixelFormat::kMono, files_[1].view.mask);
 }
 
 RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
-                             double gain) {
-  lighting::RangeLattice ranges;
-  left_ranges_.fromPlane(plane.normal, plane.distance, ranges);
-  left_ranges_.bendTo(points, ranges);
-  left_.resize(pixelsOf(rig_.left) * samplesPerPixel(left_file_.view.format));
-  RgbImage image{rig_.left.width, rig_.left.height, std::vector<std::uint8_t>(3 * pixelsOf(rig_.left))};
-  models_.left.colours(left_file_.view, ranges, left_.data(), image.rgb.data(), 0, gain);
-  if (matrix_) matrix_->apply(image.rgb);
-  if (left_file_.mask) fillHidden(image.rgb.data(), 3, *left_file_.mask);
+                             double gain, std::size_t camera) {
+  const Camera& eye = input_.camera(camera);
+  const io::ImageFile& file = files_[camera];
+  RgbImage image{eye.width, eye.height, std::vector<std::uint8_t>(3 * pixelsOf(eye))};
+  mosaic_.resize(pixelsOf(eye) * samplesPerPixel(file.view.format));
+  models_.of(camera).colours(file.view, colour_ranges_[camera].of(plane, points), mosaic_.data(),
+                             image.rgb.data(), 0, gain);
+  if (matrix_ && camera == 0) matrix_->apply(image.rgb);
+  if (file.mask) fillHidden(image.rgb.data(), 3, *file.mask);
   return image;
 }
 

@@ -11,6 +11,7 @@
 #include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
+#include "recon/topside/light/camera_ranges.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 
 namespace fathom::topside {
@@ -23,14 +24,11 @@ class PairImages {
 
   // Reads both images, or the left one alone; false, with error(), when one cannot be read.
   [[nodiscard]] bool read(const ImagePair& pair);
-  [[nodiscard]] bool readLeft(const ImagePair& pair);
+  [[nodiscard]] bool readLeft(const ImagePair& pair) { return readCamera(pair, 0); }
   [[nodiscard]] const std::string& error() const { return error_; }
 
   // The left image as it was read, until the next one is.
-  [[nodiscard]] const ImageView& asRead() const { return left_file_.view; }
-
-  // What it shows of the vehicle; null: nothing.
-  [[nodiscard]] const std::shared_ptr<const ImageMask>& mask() const { return left_file_.mask; }
+  [[nodiscard]] const ImageView& asRead() const { return files_[0].view; }
 
   // Corrects the left image alone: 8-bit mono, until the next call.
   [[nodiscard]] ImageView correctLeft(const stereo::SeedPlane& plane);
@@ -39,21 +37,25 @@ class PairImages {
   [[nodiscard]] ImageView left() const;
   [[nodiscard]] ImageView right() const;
 
-  // The left image in colour, corrected by the ranges to a plane bent to points in the left camera frame.
-  // `gain`: how much brighter it is than others of the same ground would be.
+  // Reads the image of one camera alone.
+  [[nodiscard]] bool readCamera(const ImagePair& pair, std::size_t camera);
+  // One camera's image in colour, corrected by the ranges to a plane bent to points, both in the left camera
+  // frame. `gain`: how much brighter it is than others of the same ground would be.
   [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
-                                 double gain = 1);
+                                 double gain = 1, std::size_t camera = 0);
+  // What that image shows of the vehicle; null: nothing.
+  [[nodiscard]] const std::shared_ptr<const ImageMask>& mask(std::size_t camera) const {
+    return files_[camera].mask;
+  }
 
  private:
-  [[nodiscard]] bool readOne(const std::string& name, CameraSide side, io::ImageFile& file);
-
   const MissionInput& input_;
   const StereoRig& rig_;
   const LightingModels& models_;
   lighting::RigRanges ranges_;
-  lighting::RangeMaker left_ranges_;
-  io::ImageFile left_file_, right_file_;
-  std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_;
+  std::vector<CameraRanges> colour_ranges_;  // by camera
+  std::vector<io::ImageFile> files_;         // by camera
+  std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, mosaic_;
   std::optional<ColourMatrix> matrix_;
   std::string error_;
 };

@@ -16,7 +16,7 @@ bool groundOf(const MissionInput& input, const Survey& survey, const Frames& fra
   const Camera& camera = input.rig.left;
   const ImagePair& pair = survey.list.pairs[frames.pair[frame]];
   try {
-    const std::vector<std::uint8_t> grey = stretchedGrey(input.image(pair.left, CameraSide::kLeft).view);
+    const std::vector<std::uint8_t> grey = stretchedGrey(input.image(pair, 0).view);
     view.mono = cv::Mat(camera.height, camera.width, CV_8U, const_cast<std::uint8_t*>(grey.data())).clone();
   } catch (const InputError&) {
     return false;

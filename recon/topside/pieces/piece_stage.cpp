@@ -24,7 +24,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 8;
+constexpr std::uint32_t kPieceVersion = 9;
 
 // Seconds of several threads by step.
 class SharedCosts {
@@ -68,7 +68,10 @@ void addDeviations(Hasher& hasher, const PieceInputs& in, const fusion::Piece& p
 surface::ViewIndex viewsOf(const PieceInputs& in, const fusion::Piece& piece) {
   std::vector<surface::View> views;
   for (const std::uint32_t pair : piece.meshes)
-    views.push_back({pair, (*in.T_nav_cam)[pair], (*in.footprints)[pair].box});
+    for (std::uint32_t camera = 0; camera < in.cameras->size(); ++camera)
+      views.push_back({viewOf(pair, camera, in.cameras->size()),
+                       (*in.T_nav_cam)[pair] * (*in.cameras)[camera].T_left_cam, (*in.footprints)[pair].box,
+                       camera});
   return surface::ViewIndex(std::move(views));
 }
 
@@ -120,11 +123,15 @@ class TileMaker {
     surface::Atlas atlas = surface::makeAtlas(surface, config);
     costs.add("atlas", watch.lap());
     auto& blender = blenders_.local();
-    if (!blender) blender.emplace(in_.input->rig.left, settings.blend);
+    if (!blender) {
+      std::vector<Camera> cameras;
+      for (const TextureCamera& one : *in_.cameras) cameras.push_back(one.camera);
+      blender.emplace(std::move(cameras), settings.blend);
+    }
     double reading = 0;
-    const surface::TextureBlender::BandSource source = [&](std::uint32_t pair) {
+    const surface::TextureBlender::BandSource source = [&](std::uint32_t view) {
       ThreadStopwatch own;
-      auto image = in_.images->get(pair);
+      auto image = in_.images->get(view);
       reading += own.lap();
       return image;
     };

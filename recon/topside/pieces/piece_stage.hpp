@@ -25,7 +25,8 @@ struct PieceInputs {
   const fusion::CellStatistics* statistics = nullptr;          // of all meshes
   const SeedPlanes* planes = nullptr;                          // of every pair
   const std::vector<float>* gains = nullptr;                   // of every pair's left image
-  ViewImages* images = nullptr;                                // null: no texture
+  const std::vector<TextureCamera>* cameras = nullptr;
+  ViewImages* images = nullptr;  // null: no texture
   TileGrid grid;
   double texel = 0;  // finest [m]
   LayerCells cells;

@@ -4,39 +4,39 @@ namespace fathom::topside {
 
 ViewImages::ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
                        const PreparedGroups& prepared, const std::vector<float>& gains,
-                       const surface::BandWidths& bands, std::size_t most_bytes)
+                       const std::vector<TextureCamera>& cameras, std::size_t most_bytes)
     : input_(input),
       survey_(survey),
       lighting_(lighting),
       prepared_(prepared),
       gains_(gains),
-      bands_(bands),
+      cameras_(cameras),
       most_bytes_(most_bytes) {}
 
-ViewImages::Image ViewImages::get(std::uint32_t pair) {
+ViewImages::Image ViewImages::get(std::uint32_t view) {
   std::promise<Image> promise;
   {
     std::unique_lock lock(mutex_);
-    const auto known = entries_.find(pair);
+    const auto known = entries_.find(view);
     if (known != entries_.end()) {
       uses_.splice(uses_.begin(), uses_, known->second.use);
       const std::shared_future<Image> image = known->second.image;
       lock.unlock();
       return image.get();
     }
-    uses_.push_front(pair);
-    entries_[pair] = {promise.get_future().share(), uses_.begin(), 0};
+    uses_.push_front(view);
+    entries_[view] = {promise.get_future().share(), uses_.begin(), 0};
   }
   Image image;
   try {
-    image = read(pair);
+    image = read(view);
   } catch (...) {
     promise.set_exception(std::current_exception());
     throw;
   }
   promise.set_value(image);
   const std::lock_guard lock(mutex_);
-  const auto entry = entries_.find(pair);
+  const auto entry = entries_.find(view);
   if (entry != entries_.end()) {
     entry->second.bytes = image ? image->bytes() : 0;
     bytes_ += entry->second.bytes;
@@ -54,7 +54,10 @@ void ViewImages::forgetOld() {
   }
 }
 
-ViewImages::Image ViewImages::read(std::uint32_t pair) {
+ViewImages::Image ViewImages::read(std::uint32_t view) {
+  const auto cameras = static_cast<std::uint32_t>(cameras_.size());
+  const std::uint32_t pair = view / cameras;
+  const TextureCamera& camera = cameras_[view % cameras];
   const auto& plane = survey_.planes[pair];
   if (!plane) return nullptr;
   std::unique_ptr<PairImages> reader;
@@ -67,12 +70,12 @@ ViewImages::Image ViewImages::read(std::uint32_t pair) {
   }
   if (!reader) reader = std::make_unique<PairImages>(input_, lighting_);
   Image image;
-  if (reader->readLeft(survey_.list.pairs[pair])) {
+  if (reader->readCamera(survey_.list.pairs[pair], camera.number)) {
     Mesh mesh;
     if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
-    RgbImage colours = reader->colours(*plane, mesh.vertices, gains_[pair]);
+    RgbImage colours = reader->colours(*plane, mesh.vertices, gains_[pair], camera.number);
     image = std::make_shared<const surface::BandImage>(
-        surface::makeBands(std::move(colours), bands_, reader->mask()));
+        surface::makeBands(std::move(colours), camera.bands, reader->mask(camera.number)));
   }
   const std::lock_guard lock(mutex_);
   idle_.push_back(std::move(reader));

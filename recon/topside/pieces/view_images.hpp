@@ -13,23 +13,29 @@
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/light/pair_images.hpp"
+#include "recon/topside/pieces/texture_cameras.hpp"
 #include "recon/topside/prepare/prepared_groups.hpp"
 
 namespace fathom::topside {
 
-// Left images in colour, corrected for light by the ranges that stereo found, and divided into bands: what
+// One camera's image of a pair, as the texture numbers them.
+[[nodiscard]] inline std::uint32_t viewOf(std::uint32_t pair, std::uint32_t camera, std::size_t cameras) {
+  return pair * static_cast<std::uint32_t>(cameras) + camera;
+}
+
+// Images in colour, corrected for light by the ranges that stereo found, and divided into bands: what
 // texture is made of. Those used last are kept, up to a number of bytes. Thread-safe: an image that several
 // threads ask for is read once.
 class ViewImages {
  public:
   ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
              const PreparedGroups& prepared, const std::vector<float>& gains,
-             const surface::BandWidths& bands, std::size_t most_bytes);
+             const std::vector<TextureCamera>& cameras, std::size_t most_bytes);
   ViewImages(const ViewImages&) = delete;
   ViewImages& operator=(const ViewImages&) = delete;
 
   using Image = std::shared_ptr<const surface::BandImage>;
-  [[nodiscard]] Image get(std::uint32_t pair);  // null where it cannot be read
+  [[nodiscard]] Image get(std::uint32_t view);  // null where it cannot be read
 
  private:
   struct Entry {
@@ -37,7 +43,7 @@ class ViewImages {
     std::list<std::uint32_t>::iterator use;
     std::size_t bytes = 0;
   };
-  [[nodiscard]] Image read(std::uint32_t pair);
+  [[nodiscard]] Image read(std::uint32_t view);
   void forgetOld();
 
   const MissionInput& input_;
@@ -45,7 +51,7 @@ class ViewImages {
   const LightingModels& lighting_;
   const PreparedGroups& prepared_;
   const std::vector<float>& gains_;  // of the images, by pair
-  surface::BandWidths bands_;
+  const std::vector<TextureCamera>& cameras_;
   std::size_t most_bytes_, bytes_ = 0;
   mutable std::mutex mutex_;
   std::unordered_map<std::uint32_t, Entry> entries_;

@@ -151,7 +151,7 @@ VariantReport fuseVariants(const std::filesystem::path& mission_folder,
                      "is absent: the points of a rendered mission are needed");
   const topside::Survey survey = topside::takeSurvey(input, config);
   const topside::PairList& list = survey.list;
-  topside::LightingModels lighting(mission, rig, config.lighting);
+  topside::LightingModels lighting(input, config.lighting);
   topside::learnLighting(input, config, survey, lighting);
 
   std::map<std::string, SE3> estimated;

@@ -53,22 +53,34 @@ std::shared_ptr<const ImageMask> both(const ImageMask& a, const ImageMask& b) {
   return mask;
 }
 
+// left, right, colour, colour2 and so on; of others a large number.
+std::size_t cameraNamed(const std::string& name) {
+  constexpr std::string_view kColour = "colour";
+  if (name == "left" || name == "right") return name == "left" ? 0 : 1;
+  if (!name.starts_with(kColour)) return SIZE_MAX;
+  const std::string number = name.substr(kColour.size());
+  if (number.empty()) return 2;
+  return number.size() == 1 && number[0] >= '2' && number[0] <= '9'
+             ? static_cast<std::size_t>(number[0] - '0') + 1
+             : SIZE_MAX;
+}
+
 std::string withoutEnding(const std::string& name) {
   return fs::path(name).replace_extension().generic_string();
 }
 
 }  // namespace
 
-ImageMasks::ImageMasks(const fs::path& path, const StereoRig& rig)
-    : path_(path), cameras_{rig.left, rig.right} {
+ImageMasks::ImageMasks(const fs::path& path, std::vector<Camera> cameras)
+    : path_(path), cameras_(std::move(cameras)), all_files_(cameras_.size()), all_(cameras_.size()) {
   if (fs::is_regular_file(path)) {
-    all_files_ = {path, path};
+    all_files_[0] = all_files_[1] = path;
   } else if (fs::is_directory(path)) {
     constexpr std::string_view kMask = "_mask";
     for (const fs::path& file : picturesIn(path)) {
       std::string name = withoutEnding(file.lexically_relative(path).generic_string());
-      if (name == "left" || name == "right") {
-        all_files_[name == "left" ? 0 : 1] = file;
+      if (const std::size_t camera = cameraNamed(name); camera < cameras_.size()) {
+        all_files_[camera] = file;
         continue;
       }
       if (name.ends_with(kMask)) name.resize(name.size() - kMask.size());
@@ -77,14 +89,14 @@ ImageMasks::ImageMasks(const fs::path& path, const StereoRig& rig)
   } else {
     throw InputError(path.string(), "", "is not there; give a picture, or a folder of masks");
   }
-  for (const std::size_t side : {0U, 1U}) {
-    if (all_files_[side].empty()) continue;
-    const cv::Mat shown = shownBy(all_files_[side], cameras_[side]);
+  for (std::size_t camera = 0; camera < cameras_.size(); ++camera) {
+    if (all_files_[camera].empty()) continue;
+    const cv::Mat shown = shownBy(all_files_[camera], cameras_[camera]);
     if (cv::countNonZero(shown) == 0)
-      throw InputError(all_files_[side].string(), "", "is black all over and hides the whole image");
-    all_[side] = maskOf(shown);
+      throw InputError(all_files_[camera].string(), "", "is black all over and hides the whole image");
+    all_[camera] = maskOf(shown);
   }
-  if (single_.empty() && !all_[0] && !all_[1])
+  if (files().empty())
     throw InputError(
         path.string(), "",
         "holds no mask: left.png and right.png for all images, or NAME_mask.png for the image NAME");
@@ -104,18 +116,20 @@ std::vector<fs::path> ImageMasks::files() const {
   return out;
 }
 
-std::shared_ptr<const ImageMask> ImageMasks::of(const std::string& image, CameraSide side) const {
-  const std::size_t k = side == CameraSide::kLeft ? 0 : 1;
+std::shared_ptr<const ImageMask> ImageMasks::of(const std::string& image, std::size_t camera) const {
   const fs::path file = fileOf(image);
-  if (file.empty()) return all_[k];
-  auto own = maskOf(shownBy(file, cameras_[k]));
-  return all_[k] ? both(*own, *all_[k]) : own;
+  if (file.empty()) return all_[camera];
+  auto own = maskOf(shownBy(file, cameras_[camera]));
+  return all_[camera] ? both(*own, *all_[camera]) : own;
 }
 
 void ImageMasks::requireUse(const PairList& list) const {
-  if (all_[0] || all_[1]) return;
-  for (const ImagePair& pair : list.pairs)
+  if (files().size() > single_.size()) return;
+  for (const ImagePair& pair : list.pairs) {
     if (!fileOf(pair.left).empty() || !fileOf(pair.right).empty()) return;
+    for (const std::string& name : pair.colour)
+      if (!fileOf(name).empty()) return;
+  }
   const std::string first = withoutEnding(list.pairs.front().left);
   throw InputError(path_.string(), "",
                    "none of its " + std::to_string(single_.size()) + " masks is of an image of the dive; " +

@@ -1,15 +1,13 @@
 #pragma once
 
-#include <array>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "recon/geometry/camera.hpp"
 #include "recon/geometry/image_mask.hpp"
-#include "recon/geometry/sensor_samples.hpp"
-#include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
 
 namespace fathom::topside {
@@ -18,28 +16,29 @@ namespace fathom::topside {
 // vehicle or its frame. Thread-safe.
 class ImageMasks {
  public:
-  // `path`: one picture for all images of both cameras, or a folder: left.* and right.* for all of a camera,
+  // `path`: one picture for all images of both cameras, or a folder: left.* and right.* (colour.*, colour2.*
+  // ... of colour cameras) for all of a camera,
   // and, in the images' folders, for the image NAME.EXT NAME.EXT.png (as COLMAP has them), NAME_mask.* (as
   // Metashape and ODM do) or NAME.*. Where there are both kinds, an image is masked by both. Throws
   // InputError for a path that has no picture, and for one of all images that cannot be read, has another
   // size than the camera, or hides everything.
-  ImageMasks(const std::filesystem::path& path, const StereoRig& rig);
+  ImageMasks(const std::filesystem::path& path, std::vector<Camera> cameras);
 
   // Null: nothing is hidden. Throws InputError for a picture that cannot be read or has another size.
-  [[nodiscard]] std::shared_ptr<const ImageMask> of(const std::string& image, CameraSide side) const;
+  [[nodiscard]] std::shared_ptr<const ImageMask> of(const std::string& image, std::size_t camera) const;
   // The picture of this image alone; empty: there is none.
   [[nodiscard]] std::filesystem::path fileOf(const std::string& image) const;
-  // Those of all images: left, right; empty: there is none.
-  [[nodiscard]] const std::array<std::filesystem::path, 2>& filesOfAll() const { return all_files_; }
+  // Those of all images, by camera; empty: there is none.
+  [[nodiscard]] const std::vector<std::filesystem::path>& filesOfAll() const { return all_files_; }
   [[nodiscard]] std::vector<std::filesystem::path> files() const;
   // Throws InputError where no picture is of any of these images.
   void requireUse(const PairList& list) const;
 
  private:
   std::filesystem::path path_;
-  std::array<Camera, 2> cameras_;
-  std::array<std::filesystem::path, 2> all_files_;
-  std::array<std::shared_ptr<const ImageMask>, 2> all_;
+  std::vector<Camera> cameras_;  // left, right, colour cameras
+  std::vector<std::filesystem::path> all_files_;
+  std::vector<std::shared_ptr<const ImageMask>> all_;
   std::map<std::string, std::filesystem::path> single_;  // by the image's name, with or without its ending
 };
 

@@ -9,12 +9,13 @@
 namespace fathom::topside {
 
 struct ImagePair {
-  std::int64_t utc_ns = 0;  // of the left exposure, by the vehicle's clock
-  std::string left, right;  // file names within img/
+  std::int64_t utc_ns = 0;               // of the left exposure, by the vehicle's clock
+  std::string left, right;               // file names within img/
+  std::vector<std::string> colour = {};  // the same of the colour cameras; empty: none of this moment
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.utc_ns, self.left, self.right);
+    archive(self.utc_ns, self.left, self.right, self.colour);
   }
 };
 

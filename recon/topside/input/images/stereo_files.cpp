@@ -77,6 +77,18 @@ void addFolder(const fs::path& folder, int deep, std::vector<fs::path>& out) {
 
 }  // namespace
 
+std::vector<fs::path> filesMatching(const std::string& pattern, const char* option) {
+  ::glob_t found{};
+  std::vector<fs::path> out;
+  if (::glob(pattern.c_str(), 0, nullptr, &found) == 0)
+    for (std::size_t k = 0; k < found.gl_pathc; ++k) out.emplace_back(found.gl_pathv[k]);
+  ::globfree(&found);
+  if (out.empty()) throw InputError(option, pattern, "matches no file; quote the pattern and check it");
+  std::sort(out.begin(), out.end(),
+            [](const fs::path& a, const fs::path& b) { return naturallyBefore(a.string(), b.string()); });
+  return out;
+}
+
 std::vector<fs::path> picturesIn(const fs::path& folder) {
   std::vector<fs::path> files;
   addFolder(folder, kDeep, files);
@@ -237,18 +249,6 @@ StereoFiles tellApart(const std::vector<fs::path>& named, double tolerance) {
   return out;
 }
 
-std::vector<fs::path> matching(const std::string& pattern, const char* option) {
-  ::glob_t found{};
-  std::vector<fs::path> out;
-  if (::glob(pattern.c_str(), 0, nullptr, &found) == 0)
-    for (std::size_t k = 0; k < found.gl_pathc; ++k) out.emplace_back(found.gl_pathv[k]);
-  ::globfree(&found);
-  if (out.empty()) throw InputError(option, pattern, "matches no file; quote the pattern and check it");
-  std::sort(out.begin(), out.end(),
-            [](const fs::path& a, const fs::path& b) { return naturallyBefore(a.string(), b.string()); });
-  return out;
-}
-
 // Files with the same key, one on each side, are pairs.
 Told tellByKey(const Sides& files, const std::array<std::vector<std::string>, 2>& keys) {
   std::map<std::string, std::array<std::vector<std::size_t>, 2>> by_key;
@@ -266,25 +266,33 @@ Told tellByKey(const Sides& files, const std::array<std::vector<std::string>, 2>
   return out;
 }
 
-StereoFiles byPatterns(const StereoFileOptions& options) {
-  if (options.left_pattern.empty() || options.right_pattern.empty())
-    throw InputError(options.left_pattern.empty() ? "--left" : "--right", "",
-                     "is missing; --left and --right go together");
-  const Sides files{matching(options.left_pattern, "--left"), matching(options.right_pattern, "--right")};
-  const std::array<Wildcards, 2> wildcards{Wildcards(options.left_pattern), Wildcards(options.right_pattern)};
+// By what `key(side, file)` gives or by the numbers in it, whichever pairs more, and the rest by times.
+template <typename Key>
+StereoFiles pairedBy(const Sides& files, const Key& key, double tolerance) {
   Told best{{}, files};
-  for (const bool numbers : {false, true}) {  // whichever pairs more
+  for (const bool numbers : {false, true}) {
     std::array<std::vector<std::string>, 2> keys;
     for (const std::size_t side : {0U, 1U})
-      for (const fs::path& file : files[side]) {
-        const std::string key = wildcards[side].of(file);
-        keys[side].push_back(numbers ? numbersIn(key) : key);
-      }
+      for (const fs::path& file : files[side])
+        keys[side].push_back(numbers ? numbersIn(key(side, file)) : key(side, file));
     if (Told told = tellByKey(files, keys); told.pairs.size() > best.pairs.size()) best = std::move(told);
   }
   StereoFiles out;
   out.pairs = std::move(best.pairs);
-  pairTheRest(best.alone, options.tolerance, out);
+  pairTheRest(best.alone, tolerance, out);
+  return out;
+}
+
+StereoFiles byPatterns(const StereoFileOptions& options) {
+  if (options.left_pattern.empty() || options.right_pattern.empty())
+    throw InputError(options.left_pattern.empty() ? "--left" : "--right", "",
+                     "is missing; --left and --right go together");
+  const Sides files{filesMatching(options.left_pattern, "--left"),
+                    filesMatching(options.right_pattern, "--right")};
+  const std::array<Wildcards, 2> wildcards{Wildcards(options.left_pattern), Wildcards(options.right_pattern)};
+  StereoFiles out = pairedBy(
+      files, [&](std::size_t side, const fs::path& file) { return wildcards[side].of(file); },
+      options.tolerance);
   if (out.pairs.empty())
     throw InputError("--right", options.right_pattern,
                      "matches " + std::to_string(files[1].size()) +
@@ -314,6 +322,14 @@ StereoFiles byList(const fs::path& path) {
 }
 
 }  // namespace
+
+std::vector<StereoFilePair> partnersByName(const std::vector<fs::path>& left,
+                                           const std::vector<fs::path>& others, double tolerance) {
+  return pairedBy(
+             {left, others}, [](std::size_t, const fs::path& file) { return lower(file.stem().string()); },
+             tolerance)
+      .pairs;
+}
 
 StereoFiles findStereoFiles(const StereoFileOptions& options) {
   const bool patterns = !options.left_pattern.empty() || !options.right_pattern.empty();

@@ -43,6 +43,16 @@ struct StereoFiles {
 // is no pair, and for files that are absent.
 [[nodiscard]] StereoFiles findStereoFiles(const StereoFileOptions& options);
 
+// Each with the other file of the same name, else of the same numbers in it, else, of those left over, of the
+// same time or, where there are as many, place in order.
+[[nodiscard]] std::vector<StereoFilePair> partnersByName(const std::vector<std::filesystem::path>& left,
+                                                         const std::vector<std::filesystem::path>& others,
+                                                         double tolerance);
+
+// Those that a shell pattern matches, 2.png before 10.png. Throws InputError, which names `option`, for none.
+[[nodiscard]] std::vector<std::filesystem::path> filesMatching(const std::string& pattern,
+                                                               const char* option);
+
 // The pictures in a folder and a few levels below it, by their endings, in order of name.
 [[nodiscard]] std::vector<std::filesystem::path> picturesIn(const std::filesystem::path& folder);
 

@@ -5,7 +5,8 @@ import * as THREE from 'three';
 const SMOOTHING = 0.1; // of the shown frame time
 const FIT_ROUNDS = 6;
 const SLOW = 60; // [ms] between frames of a moving picture
-const SLOW_FRAMES = 4; // in a row, before it is drawn with half the pixels each way until it stands still
+const SLOW_FRAMES = 4; // in a row, before it is drawn coarser until it stands still
+const COARSER = [1, 1 / 2, 1 / 3]; // pixels each way
 
 // The tile renderer then looks no further than the nearest tile that is hit.
 export const firstHit = (ray: THREE.Raycaster): THREE.Raycaster => Object.assign(ray, { firstHitOnly: true });
@@ -31,6 +32,7 @@ export abstract class SceneView {
   private moving = false;
   private lastMove = -Infinity; // [ms]
   private slow = 0; // frames in a row
+  private coarser = 0; // place in COARSER, of a moving picture
   private queued = false;
 
   // Angles in degrees, lengths in metres.
@@ -57,13 +59,19 @@ export abstract class SceneView {
 
   // Said in a frame in which the picture has moved, and once when it stands still. Where no GPU draws it, it is coarse while it moves.
   protected move(moving: boolean, time: number): void {
-    if (moving && this.moving && this.slow < SLOW_FRAMES) this.slow = time - this.lastMove > SLOW ? this.slow + 1 : 0;
+    if (moving && this.moving && this.coarser < COARSER.length - 1) {
+      this.slow = time - this.lastMove > SLOW ? this.slow + 1 : 0;
+      if (this.slow === SLOW_FRAMES) {
+        this.slow = 0;
+        ++this.coarser;
+      }
+    }
     this.lastMove = time;
     this.moving = moving;
-    this.setCoarse(moving && this.slow === SLOW_FRAMES);
+    this.setResolution(COARSER[moving ? this.coarser : 0]!);
   }
-  private setCoarse(coarse: boolean): void {
-    const ratio = Math.min(window.devicePixelRatio, 2) * (coarse ? 0.5 : 1);
+  private setResolution(share: number): void {
+    const ratio = Math.min(window.devicePixelRatio, 2) * share;
     if (ratio === this.renderer.getPixelRatio()) return;
     this.renderer.setPixelRatio(ratio);
     this.draw();
