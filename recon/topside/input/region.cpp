@@ -51,7 +51,8 @@ void keepOf(std::vector<T>& values, const std::vector<std::uint32_t>& kept) {
 Region::Region(const std::filesystem::path& file, const std::optional<Geodetic>& origin) {
   const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
   GDALAllRegister();
-  const GDALDatasetUniquePtr set(GDALDataset::Open(file.c_str(), GDAL_OF_VECTOR | GDAL_OF_READONLY));
+  const GDALDatasetUniquePtr set(
+      GDALDataset::Open(file.c_str(), GDAL_OF_VECTOR | GDAL_OF_READONLY | GDAL_OF_VERBOSE_ERROR));
   if (!set)
     throw InputError(
         file.string(), "",
