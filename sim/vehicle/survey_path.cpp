@@ -41,7 +41,7 @@ std::vector<SurveyLine> surveyLines(const SurveyPlan& plan) {
     const double place = (ends_ahead ? 1.0 - fraction : fraction) * plan.line_length - half_length;
     const Eigen::Vector2d reach = (half_width + plan.overrun) * across;
     const SurveyLine line{centre + place * along + reach, centre + place * along - reach,
-                          (plan.lines - 1 + i) * plan.climb_per_line};
+                          (plan.lines + i) * plan.climb_per_line};
     lines.push_back(lines.empty() ? line : fromNearerEnd(line, lines.back().to));
   }
   return lines;
