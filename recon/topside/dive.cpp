@@ -33,6 +33,15 @@ void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Reject
   sum.fish += one.fish;
 }
 
+// Those with colours; where none has, the left one.
+std::vector<std::size_t> camerasOfTexture(const MissionInput& input) {
+  std::vector<std::size_t> out;
+  for (std::size_t number = 0; number < input.cameras(); ++number)
+    if (input.format(number) != PixelFormat::kMono) out.push_back(number);
+  if (out.empty()) out.push_back(0);
+  return out;
+}
+
 }  // namespace
 
 double weightOf(Stage stage) {
@@ -248,43 +257,34 @@ SeedPlanes Dive::planes() {
 const ModelPlan& Dive::plan() {
   if (plan_) return *plan_;
   (void)localised();
+  const std::vector<std::size_t> cameras = camerasOfTexture(input_);
   const Digest key = planKey(input_, config_, grid_, poses_content_, prepared_->content());
   const WorkFile file = single(Stage::kPlan, key, [&](WorkFileWriter& out) {
     static const std::vector<slam::NavigationLink> kNone;
     ModelPlan plan = planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_,
                                config_.model.division, input_.region.get());
-    plan.texel = config_.model.texel > 0 ? config_.model.texel : finestPixel();
+    plan.texel = config_.model.texel;
+    if (plan.texel <= 0) {
+      plan.texel = pixelOf(cameras.front());
+      for (const std::size_t camera : cameras) plan.texel = std::min(plan.texel, pixelOf(camera));
+    }
     savePlan(out, plan);
     return Costs();
   });
   plan_ = loadPlan(file);
-  texture_cameras_ = textureCameras(plan_->texel);
-  return *plan_;
-}
-
-// Of the cameras with colours; where none has, the left one.
-std::vector<TextureCamera> Dive::textureCameras(double texel) const {
-  std::vector<TextureCamera> out;
-  const auto add = [&](std::size_t number) {
+  for (const std::size_t number : cameras) {
     TextureCamera one{number, input_.camera(number), input_.T_cam_left(number).inverse(),
                       config_.model.blend.bands};
     // Texels larger than pixels are made from images reduced as much.
-    const double pixel = nativeTexel(one.camera, survey_->planes, config_.default_altitude);
-    one.bands.reduction = std::max(1, static_cast<int>(texel / pixel));
+    one.bands.reduction = std::max(1, static_cast<int>(plan_->texel / pixelOf(number)));
     one.camera = one.camera.scaled(1.0 / one.bands.reduction);
-    out.push_back(std::move(one));
-  };
-  for (std::size_t number = 0; number < input_.cameras(); ++number)
-    if (input_.format(number) != PixelFormat::kMono) add(number);
-  if (out.empty()) add(0);
-  return out;
+    texture_cameras_.push_back(std::move(one));
+  }
+  return *plan_;
 }
 
-double Dive::finestPixel() const {
-  double finest = INFINITY;
-  for (const TextureCamera& one : textureCameras(0))
-    finest = std::min(finest, nativeTexel(one.camera, survey_->planes, config_.default_altitude));
-  return finest;
+double Dive::pixelOf(std::size_t camera) const {
+  return nativeTexel(input_.camera(camera), survey_->planes, config_.default_altitude);
 }
 
 void Dive::make(Stage stage) {

@@ -86,8 +86,7 @@ class Dive {
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
   std::vector<StageTask> pieceTasks();
   void grow(double scale);
-  [[nodiscard]] std::vector<TextureCamera> textureCameras(double texel) const;
-  [[nodiscard]] double finestPixel() const;  // on the ground, of the texture's cameras [m]
+  [[nodiscard]] double pixelOf(std::size_t camera) const;  // on the ground [m]
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;
 

@@ -60,7 +60,6 @@ std::vector<ColourCamera> openColourCameras(const ColourCameraOptions& options,
 
 void takeColourImages(const std::vector<ColourCamera>& cameras, const fs::path& images, double tolerance,
                       PairList& list) {
-  const auto asNamed = [](const fs::path& file) { return fs::absolute(file).lexically_normal(); };
   const fs::path root = asNamed(images / "").parent_path();
   std::vector<fs::path> left;
   std::map<fs::path, ImagePair*> pair_of;

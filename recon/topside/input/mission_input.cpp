@@ -63,11 +63,6 @@ std::optional<Geodetic> firstFix(const io::MissionPaths& paths) {
   return {};
 }
 
-// Where a path says that a file is; what links lead to may lie anywhere.
-fs::path asNamed(const fs::path& file) {
-  return fs::absolute(file).lexically_normal();
-}
-
 // The mission's folder, or, where images lie outside, the nearest one above it and all of them.
 fs::path folderOfAll(const fs::path& mission, const std::vector<StereoFilePair>& pairs) {
   fs::path folder = asNamed(mission / "").parent_path();
@@ -200,6 +195,17 @@ void takeControl(MissionInput& in, const InputOptions& options) {
   in.control_identity = hasher.finish();
 }
 
+void addIdentity(Hasher& hasher, const fs::path& path, bool verify) {
+  std::error_code error;
+  const auto size = fs::file_size(path, error);
+  hasher.add(path.filename().string(), static_cast<std::uint64_t>(error ? 0 : size), error ? 1 : 0);
+  if (error) return;
+  if (verify)
+    hasher.add(digestOfFile(path));
+  else
+    hasher.add(static_cast<std::int64_t>(fs::last_write_time(path, error).time_since_epoch().count()));
+}
+
 void takeMasks(MissionInput& in, const InputOptions& options) {
   const fs::path own = in.paths.root / "masks";
   if (options.masks.empty() && !fs::is_directory(own)) return;
@@ -209,6 +215,9 @@ void takeMasks(MissionInput& in, const InputOptions& options) {
   std::vector<Camera> cameras;
   for (std::size_t number = 0; number < in.cameras(); ++number) cameras.push_back(in.camera(number));
   in.masks = std::make_shared<const ImageMasks>(path, std::move(cameras));
+  Hasher hasher;
+  for (const fs::path& file : in.masks->filesOfAll()) addIdentity(hasher, file, in.verify);
+  in.mask_identity = hasher.finish();
   in.assumed.push_back("masks: " + path.string() + " (black is left out)");
 }
 
@@ -219,17 +228,6 @@ void takeRegion(MissionInput& in, const InputOptions& options) {
   in.region = std::make_shared<const Region>(file, in.origin());
   in.assumed.push_back("region: " + file.string() + ", " + formatted("%.1f", in.region->area()) +
                        " m2 (nothing outside is modelled)");
-}
-
-void addIdentity(Hasher& hasher, const fs::path& path, bool verify) {
-  std::error_code error;
-  const auto size = fs::file_size(path, error);
-  hasher.add(path.filename().string(), static_cast<std::uint64_t>(error ? 0 : size), error ? 1 : 0);
-  if (error) return;
-  if (verify)
-    hasher.add(digestOfFile(path));
-  else
-    hasher.add(static_cast<std::int64_t>(fs::last_write_time(path, error).time_since_epoch().count()));
 }
 
 }  // namespace
@@ -280,7 +278,7 @@ Digest MissionInput::imageIdentity(const ImagePair& pair) const {
   else
     for (const std::string& name : names) addIdentity(hasher, paths.images() / name, verify);
   if (masks) {
-    for (const fs::path& file : masks->filesOfAll()) addIdentity(hasher, file, verify);
+    hasher.add(mask_identity);
     for (const std::string& name : names)
       if (const fs::path file = masks->fileOf(name); !file.empty()) addIdentity(hasher, file, verify);
   }

@@ -51,6 +51,7 @@ struct MissionInput {
   std::optional<ControlPoints> control;
   Digest control_identity;  // of its tables
   std::shared_ptr<const ImageMasks> masks;
+  Digest mask_identity;  // of those of all images
   std::vector<ColourCamera> colour_cameras;
   std::shared_ptr<const Region> region;  // null: all that was seen is modelled
   std::vector<std::string> assumed;      // what no file says, a line each

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <numbers>
 
@@ -16,15 +15,13 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-double signedArea(const std::vector<Eigen::Vector2d>& ring) {
+double areaOf(const std::vector<Eigen::Vector2d>& ring) {
   double twice = 0;
   for (std::size_t k = 0; k < ring.size(); ++k) {
     const Eigen::Vector2d &a = ring[k], &b = ring[(k + 1) % ring.size()];
     twice += a.x() * b.y() - b.x() * a.y();
   }
-  return 0.5 * twice;
+  return 0.5 * std::abs(twice);
 }
 
 // Whether a ray towards greater east crosses the ring an odd number of times.
@@ -83,11 +80,7 @@ Region::Region(const std::filesystem::path& file, const std::optional<Geodetic>&
     if (from.getExteriorRing() != nullptr) takeRing(*from.getExteriorRing(), polygon);
     if (polygon.rings.empty()) return;
     for (int k = 0; k < from.getNumInteriorRings(); ++k) takeRing(*from.getInteriorRing(k), polygon);
-    polygon.box = {kInfinity, kInfinity, -kInfinity, -kInfinity};
-    for (const Eigen::Vector2d& p : polygon.rings.front()) {
-      polygon.box = {std::min(polygon.box[0], p.x()), std::min(polygon.box[1], p.y()),
-                     std::max(polygon.box[2], p.x()), std::max(polygon.box[3], p.y())};
-    }
+    for (const Eigen::Vector2d& p : polygon.rings.front()) polygon.box.extend(p);
     polygons_.push_back(std::move(polygon));
   };
   for (OGRLayer* layer : set->GetLayers()) {
@@ -127,8 +120,7 @@ Region::Region(const std::filesystem::path& file, const std::optional<Geodetic>&
 bool Region::contains(double north, double east) const {
   const Eigen::Vector2d p(north, east);
   for (const Polygon& polygon : polygons_) {
-    const auto& box = polygon.box;
-    if (north < box[0] || east < box[1] || north > box[2] || east > box[3]) continue;
+    if (!polygon.box.contains(p)) continue;
     bool inside = false;  // of the outer ring, and of no hole
     for (const Ring& ring : polygon.rings) inside ^= insideOf(ring, p);
     if (inside) return true;
@@ -136,27 +128,21 @@ bool Region::contains(double north, double east) const {
   return false;
 }
 
-bool Region::mayMeet(const std::array<double, 4>& box) const {
-  return std::any_of(polygons_.begin(), polygons_.end(), [&](const Polygon& polygon) {
-    return polygon.box[0] <= box[2] && polygon.box[1] <= box[3] && polygon.box[2] >= box[0] &&
-           polygon.box[3] >= box[1];
-  });
+bool Region::mayMeet(const Eigen::AlignedBox2d& box) const {
+  return std::any_of(polygons_.begin(), polygons_.end(),
+                     [&](const Polygon& polygon) { return polygon.box.intersects(box); });
 }
 
 double Region::area() const {
   double sum = 0;
   for (const Polygon& polygon : polygons_)
-    for (const Ring& ring : polygon.rings)
-      sum += (&ring == polygon.rings.data() ? 1 : -1) * std::abs(signedArea(ring));
+    for (const Ring& ring : polygon.rings) sum += (&ring == polygon.rings.data() ? 1 : -1) * areaOf(ring);
   return sum;
 }
 
-std::array<double, 4> Region::box() const {
-  std::array<double, 4> all = polygons_.front().box;
-  for (const Polygon& polygon : polygons_) {
-    const auto& b = polygon.box;
-    all = {std::min(all[0], b[0]), std::min(all[1], b[1]), std::max(all[2], b[2]), std::max(all[3], b[3])};
-  }
+Eigen::AlignedBox2d Region::box() const {
+  Eigen::AlignedBox2d all;
+  for (const Polygon& polygon : polygons_) all.extend(polygon.box);
   return all;
 }
 

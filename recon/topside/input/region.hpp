@@ -1,7 +1,6 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <array>
+#include <Eigen/Geometry>
 #include <filesystem>
 #include <optional>
 #include <vector>
@@ -22,10 +21,10 @@ class Region {
   Region(const std::filesystem::path& file, const std::optional<Geodetic>& origin);
 
   [[nodiscard]] bool contains(double north, double east) const;
-  // False where a box (north and east of the low corner, then of the high one [m]) is outside for sure.
-  [[nodiscard]] bool mayMeet(const std::array<double, 4>& box) const;
-  [[nodiscard]] double area() const;                // [m2]
-  [[nodiscard]] std::array<double, 4> box() const;  // around all of it
+  // False where a box of north and east [m] is outside for sure.
+  [[nodiscard]] bool mayMeet(const Eigen::AlignedBox2d& box) const;
+  [[nodiscard]] double area() const;              // [m2]
+  [[nodiscard]] Eigen::AlignedBox2d box() const;  // around all of it
   [[nodiscard]] const Digest& identity() const { return identity_; }
 
   // The triangles whose middles are inside, and their vertices.
@@ -35,7 +34,7 @@ class Region {
   using Ring = std::vector<Eigen::Vector2d>;  // north, east [m]
   struct Polygon {
     std::vector<Ring> rings;  // the outer one, then holes
-    std::array<double, 4> box{};
+    Eigen::AlignedBox2d box;
   };
   std::vector<Polygon> polygons_;
   Digest identity_;

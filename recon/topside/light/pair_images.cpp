@@ -20,9 +20,9 @@ void correctOne(const lighting::LightingModel& model, const lighting::RangeLatti
 }  // namespace
 
 PairImages::PairImages(const MissionInput& input, const LightingModels& models)
-    : input_(input), rig_(input.rig), models_(models), ranges_(rig_), files_(input.cameras()) {
+    : input_(input), rig_(input.rig), models_(models), files_(input.cameras()) {
   for (std::size_t camera = 0; camera < input.cameras(); ++camera)
-    colour_ranges_.emplace_back(input.camera(camera), input.T_cam_left(camera));
+    ranges_.emplace_back(input.camera(camera), input.T_cam_left(camera));
   if (input.colours) matrix_.emplace(*input.colours);
 }
 
@@ -41,14 +41,12 @@ bool PairImages::read(const ImagePair& pair) {
 }
 
 void PairImages::correct(const stereo::SeedPlane& plane) {
-  ranges_.fromPlane(plane.normal, plane.distance);
-  correctOne(models_.left, ranges_.left(), files_[0], rig_.left, left_, left_mono_);
-  correctOne(models_.right, ranges_.right(), files_[1], rig_.right, right_, right_mono_);
+  (void)correctLeft(plane);
+  correctOne(models_.right, ranges_[1].of(plane, {}), files_[1], rig_.right, right_, right_mono_);
 }
 
 ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
-  ranges_.fromPlane(plane.normal, plane.distance);
-  correctOne(models_.left, ranges_.left(), files_[0], rig_.left, left_, left_mono_);
+  correctOne(models_.left, ranges_[0].of(plane, {}), files_[0], rig_.left, left_, left_mono_);
   return left();
 }
 
@@ -66,8 +64,8 @@ RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eig
   const io::ImageFile& file = files_[camera];
   RgbImage image{eye.width, eye.height, std::vector<std::uint8_t>(3 * pixelsOf(eye))};
   mosaic_.resize(pixelsOf(eye) * samplesPerPixel(file.view.format));
-  models_.of(camera).colours(file.view, colour_ranges_[camera].of(plane, points), mosaic_.data(),
-                             image.rgb.data(), 0, gain);
+  models_.of(camera).colours(file.view, ranges_[camera].of(plane, points), mosaic_.data(), image.rgb.data(),
+                             0, gain);
   if (matrix_ && camera == 0) matrix_->apply(image.rgb);
   if (file.mask) fillHidden(image.rgb.data(), 3, *file.mask);
   return image;

@@ -8,7 +8,6 @@
 #include "recon/geometry/colour_matrix.hpp"
 #include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/lighting/rig_ranges.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/light/camera_ranges.hpp"
@@ -52,9 +51,8 @@ class PairImages {
   const MissionInput& input_;
   const StereoRig& rig_;
   const LightingModels& models_;
-  lighting::RigRanges ranges_;
-  std::vector<CameraRanges> colour_ranges_;  // by camera
-  std::vector<io::ImageFile> files_;         // by camera
+  std::vector<CameraRanges> ranges_;  // by camera
+  std::vector<io::ImageFile> files_;  // by camera
   std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, mosaic_;
   std::optional<ColourMatrix> matrix_;
   std::string error_;

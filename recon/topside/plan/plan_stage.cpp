@@ -44,19 +44,17 @@ fusion::Footprint footprintOf(const Mesh& mesh) {
 
 void keepPiecesOf(const Region& region, const TileGrid& grid, ModelPlan& plan) {
   const double edge = grid.edge(0);
-  std::array<double, 4> seen{INFINITY, INFINITY, -INFINITY, -INFINITY};  // by all pieces
+  Eigen::AlignedBox2d seen;  // by all pieces
   std::erase_if(plan.pieces, [&](const fusion::Piece& piece) {
-    const std::array<double, 4> box{piece.core.x0 * edge, piece.core.y0 * edge, piece.core.x1 * edge,
-                                    piece.core.y1 * edge};
-    for (const std::size_t k : {0U, 1U}) {
-      seen[k] = std::min(seen[k], box[k]);
-      seen[k + 2] = std::max(seen[k + 2], box[k + 2]);
-    }
+    const Eigen::AlignedBox2d box(edge * Eigen::Vector2d(piece.core.x0, piece.core.y0),
+                                  edge * Eigen::Vector2d(piece.core.x1, piece.core.y1));
+    seen.extend(box);
     return !region.mayMeet(box);
   });
   if (!plan.pieces.empty()) return;
-  const auto about = [](const std::array<double, 4>& box) {
-    return formatted("north %.1f to %.1f m, east %.1f to %.1f m", box[0], box[2], box[1], box[3]);
+  const auto about = [](const Eigen::AlignedBox2d& box) {
+    return formatted("north %.1f to %.1f m, east %.1f to %.1f m", box.min().x(), box.max().x(), box.min().y(),
+                     box.max().y());
   };
   throw InputError(
       "--region", "",

@@ -37,12 +37,12 @@ std::shared_ptr<const ImageMask> maskOf(const cv::Mat& shown) {
   mask->width = shown.cols;
   mask->height = shown.rows;
   mask->clearance.resize(shown.total());
-  cv::Mat distance, out(shown.size(), CV_8U, mask->clearance.data());
-  if (cv::countNonZero(shown) == static_cast<int>(shown.total()))
-    out.setTo(static_cast<double>(ImageMask::kFarthest));
-  else
-    cv::distanceTransform(shown, distance, cv::DIST_L2, cv::DIST_MASK_5);
-  if (!distance.empty()) distance.convertTo(out, CV_8U);
+  cv::Mat out(shown.size(), CV_8U, mask->clearance.data());
+  out.setTo(static_cast<double>(ImageMask::kFarthest));
+  if (cv::countNonZero(shown) == static_cast<int>(shown.total())) return mask;
+  cv::Mat distance;
+  cv::distanceTransform(shown, distance, cv::DIST_L2, cv::DIST_MASK_5);
+  distance.convertTo(out, CV_8U);
   return mask;
 }
 

@@ -17,11 +17,10 @@ namespace fathom::topside {
 class ImageMasks {
  public:
   // `path`: one picture for all images of both cameras, or a folder: left.* and right.* (colour.*, colour2.*
-  // ... of colour cameras) for all of a camera,
-  // and, in the images' folders, for the image NAME.EXT NAME.EXT.png (as COLMAP has them), NAME_mask.* (as
-  // Metashape and ODM do) or NAME.*. Where there are both kinds, an image is masked by both. Throws
-  // InputError for a path that has no picture, and for one of all images that cannot be read, has another
-  // size than the camera, or hides everything.
+  // ... of colour cameras) for all of a camera, and, in the images' folders, for the image NAME.EXT
+  // NAME.EXT.png (as COLMAP has them), NAME_mask.* (as Metashape and ODM do) or NAME.*. Where there are both
+  // kinds, an image is masked by both. Throws InputError for a path that has no picture, and for one of all
+  // images that cannot be read, has another size than the camera, or hides everything.
   ImageMasks(const std::filesystem::path& path, std::vector<Camera> cameras);
 
   // Null: nothing is hidden. Throws InputError for a picture that cannot be read or has another size.

@@ -53,6 +53,11 @@ struct StereoFiles {
 [[nodiscard]] std::vector<std::filesystem::path> filesMatching(const std::string& pattern,
                                                                const char* option);
 
+// Where a path says that a file is; what links lead to may be anywhere.
+[[nodiscard]] inline std::filesystem::path asNamed(const std::filesystem::path& file) {
+  return std::filesystem::absolute(file).lexically_normal();
+}
+
 // The pictures in a folder and a few levels below it, by their endings, in order of name.
 [[nodiscard]] std::vector<std::filesystem::path> picturesIn(const std::filesystem::path& folder);
 
