@@ -5,8 +5,9 @@ build: install
 	cmake --preset release
 	cmake --build --preset release
 
-programs: install
-	cmake --preset release
+programs:
+	.ci/install programs
+	cmake --preset release -D FATHOM_BUILD_TESTS=OFF
 	cmake --build --preset release --target programs
 
 test: build
@@ -29,10 +30,12 @@ sanitize: install
 	cmake --build --preset sanitize
 	.ci/test sanitize
 
-fuzz: install
+fuzz:
+	.ci/install nightly
 	.ci/fuzz
 
-nightly: install
+nightly:
+	.ci/install nightly
 	.ci/nightly
 
 install:

@@ -5,14 +5,13 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
-#include <numbers>
 
-#include "firmware_if/can/can_command.hpp"
-#include "firmware_if/dvl/dvl_command.hpp"
+#include "firmware_if/devices/capture_commands.hpp"
 #include "firmware_if/predive/predive_command.hpp"
-#include "realtime/kernel/command_line.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/version.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/base/version.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/status.hpp"
@@ -21,29 +20,28 @@ namespace {
 
 using namespace fathom;
 
-// What the ship says to this vehicle on this dive, as fathom-onboard would admit it; and a status that gives
-// it the turn. Its versions lie before the dive's first, where fathom-onboard begins, so that none of that
-// program's frames counts as heard already. `padded_bytes`: size of a modem frame that is always full; 0: it
-// is as long as it is.
+// Reads the ship's frames for this vehicle on this dive, with the same rules as fathom-onboard, and writes a
+// status that gives the ship the turn. Its versions are below the dive's first, where fathom-onboard begins,
+// so that the ship does not take that program's frames for repeated ones. `padded_bytes`: size of modem
+// frames that are always full; 0: not padded.
 io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<telemetry::LinkKey>& key,
                          std::size_t padded_bytes) {
   const telemetry::LinkIdentity identity{mission.vehicle_id, mission.dive_id};
   const auto receiver = std::make_shared<telemetry::DownlinkReceiver>(identity, key, 0);
   io::PrediveLink link;
   link.read = [receiver](std::span<const std::uint8_t> modem_frame) {
-    constexpr double kRadiansPerDegree = std::numbers::pi / 180;
-    io::PrediveLink::Heard heard;
+    io::PrediveLink::Received received;
     telemetry::LinkFrames frames(modem_frame);
     while (const auto frame = frames.next()) {
       const auto result = receiver->accept(0, *frame);
-      heard.ours = heard.ours || result.verdict == telemetry::DownlinkVerdict::kAccepted ||
-                   result.verdict == telemetry::DownlinkVerdict::kNoKey;
+      received.ours = received.ours || result.verdict == telemetry::DownlinkVerdict::kAccepted ||
+                      result.verdict == telemetry::DownlinkVerdict::kNoKey;
       if (const auto& fix = result.content.fix)
-        heard.fix = UsblFix{
+        received.fix = UsblFix{
             fix->utc_ns, fix->utc_ns, fix->latitude * kRadiansPerDegree, fix->longitude * kRadiansPerDegree,
             fix->depth,  fix->sigma};
     }
-    return heard;
+    return received;
   };
   constexpr telemetry::Version kGreetings = 0x100;
   link.greet = [identity, padded_bytes, tag = telemetry::FrameTag(key),
@@ -92,11 +90,11 @@ int main(int argc, char** argv) {
 
   io::PrediveCommand predive;
   CLI::App* predive_app =
-      app.add_subcommand("predive", "Looks at every device before the launch: green or red");
+      app.add_subcommand("predive", "Checks every device before the launch: green or red");
   predive_app->add_option("FOLDER", predive.folder, "Mission folder with mission.toml and stereo.calib")
       ->required();
   predive_app->add_option("--config", predive.config, "onboard.toml of the dive")->required();
-  predive_app->add_option("--seconds", predive.seconds, "So long the devices are looked at [s]")
+  predive_app->add_option("--seconds", predive.seconds, "Time for which the devices are checked [s]")
       ->check(CLI::Range(0.1, 3600.0))
       ->capture_default_str();
   predive_app->add_flag("--json", predive.json, "One JSON object instead of the table");

@@ -1,12 +1,12 @@
-// fathom-sim: makes missions with ground truth, plays them to the vehicle's program, and scores what was
-// estimated from them. This file parses; each command's file does the work.
+// fathom-sim: makes missions with ground truth, plays them to the vehicle's program, and scores estimates
+// against the truth. Each command is in a file of its own.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <vector>
 
-#include "realtime/kernel/command_line.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/version.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/version.hpp"
 #include "sim/commands.hpp"
 
 namespace {
@@ -32,7 +32,7 @@ int run(int argc, char** argv) {
   app.set_version_flag("--version", versionLine("fathom-sim"));
   if (const auto code = parseCommandLine("fathom-sim", app, argc, argv)) return *code;
   const auto chosen =
-      std::ranges::find_if(commands, [](const sim::Command& command) { return command.parsed->parsed(); });
+      std::ranges::find_if(commands, [](const sim::Command& command) { return command.parser->parsed(); });
   return chosen->run();
 }
 

@@ -1,9 +1,14 @@
 # `cmake --install` and Debian packages (`make package`), a component each. A part's own README.md goes to its
-# documentation; the manual pages are what the programs say of themselves.
+# documentation, the changes as changelog.gz; the manual pages are what the programs say of themselves.
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS .ci/package/CHANGES.md)
+set(FATHOM_CHANGELOG ${CMAKE_BINARY_DIR}/share/doc/changelog.gz)
+file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/share/doc)
+execute_process(COMMAND gzip -9nc ${CMAKE_SOURCE_DIR}/.ci/package/CHANGES.md
+  OUTPUT_FILE ${FATHOM_CHANGELOG} COMMAND_ERROR_IS_FATAL ANY)
 function(fathom_package component)
   cmake_parse_arguments(ARG "" "SUMMARY;GUIDE;DEPENDS;SUGGESTS" "PROGRAMS" ${ARGN})
   install(TARGETS ${ARG_PROGRAMS} DESTINATION bin COMPONENT ${component})
-  install(FILES ${ARG_GUIDE} DESTINATION share/doc/fathom-${component} COMPONENT ${component})
+  install(FILES ${ARG_GUIDE} ${FATHOM_CHANGELOG} DESTINATION share/doc/fathom-${component} COMPONENT ${component})
   set(pages "")
   foreach(program ${ARG_PROGRAMS})
     set(page ${CMAKE_BINARY_DIR}/share/man/man1/${program}.1.gz)
@@ -36,12 +41,18 @@ fathom_package(monitor PROGRAMS fathom-monitor
 fathom_package(sim PROGRAMS fathom-sim SUGGESTS "fathom-onboard, iproute2"
   SUMMARY "Fathom's simulated sea: makes dives with their truth, plays and scores them"
   GUIDE sim/README.md)
+set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION
+  "Fathom's libraries for other programs: pose-graph solver, stereo matching, codec of maps, decoders of DVL and NMEA 2000")
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libfathom-dev)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigen3-dev, libisal-dev, libopencv-dev, libproj-dev, libsuitesparse-dev, \
+libtomlplusplus-dev, nlohmann-json3-dev, pkg-config")
 foreach(page fathom_monitor_page fathom_topside_page)
   if(TARGET ${page})
     add_dependencies(programs ${page})
   endif()
 endforeach()
-add_dependencies(programs fathom_stepped_clock)
+add_dependencies(programs development fathom_stepped_clock)
 
 set(service realtime/onboard/service)
 foreach(file "fathom-onboard.service lib/systemd/system fathom-onboard.service" "sysusers.conf lib/sysusers.d fathom-onboard.conf"
@@ -62,7 +73,7 @@ set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_SET_DESTDIR ON) # for /etc
 set(CPACK_STRIP_FILES ON)
 set(CPACK_VERBATIM_VARIABLES ON)
-set(CPACK_COMPONENTS_ALL onboard topside monitor sim)
+set(CPACK_COMPONENTS_ALL onboard topside monitor sim development)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_MAINTAINER "Fathom <fathom@localhost>")

@@ -1,21 +1,12 @@
 #include "firmware_if/devices/device_address.hpp"
 
-#include <arpa/inet.h>
-
 #include <charconv>
 
-#include "firmware_if/devices/file_stream.hpp"
-#include "firmware_if/devices/udp_stream.hpp"
-#include "firmware_if/modem/modem_ports.hpp"
-#include "firmware_if/serial/serial_line.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/serial/serial_line.hpp"
+#include "firmware_if/devices/udp_socket.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::io {
-namespace {
-
-constexpr int kLargestPort = 65535;
-
-}  // namespace
 
 std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& fix) {
   const auto refuse = [&](const char* why) {
@@ -38,7 +29,7 @@ std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::stri
   const auto parsed = std::from_chars(digits.data(), digits.data() + digits.size(), address.number);
   if (digits.empty() || parsed.ec != std::errc{} || parsed.ptr != digits.data() + digits.size())
     return refuse("the part after the last colon must be a number");
-  if (address.kind == DeviceAddress::Kind::kUdp && (address.number < 1 || address.number > kLargestPort))
+  if (address.kind == DeviceAddress::Kind::kUdp && (address.number < 1 || address.number > UINT16_MAX))
     return refuse("the UDP port must be 1 to 65535");
   return address;
 }
@@ -70,8 +61,7 @@ std::unique_ptr<WaitingFramePort> openFramePort(const std::string& text, const s
       return std::make_unique<WaitingFramePort>(
           [name, number] { return std::make_unique<SerialFramePort>(name, number); });
     case DeviceAddress::Kind::kUdp:
-      if (in_addr peer = {}; ::inet_pton(AF_INET, name.c_str(), &peer) != 1)
-        throw InputError(where, "", name + " is no IPv4 address; give one as 127.0.0.1");
+      static_cast<void>(parseUdpAddress(name, 0, where));
       return std::make_unique<WaitingFramePort>([name, number] {
         return std::make_unique<UdpFramePort>("0.0.0.0", 0, name, static_cast<std::uint16_t>(number));
       });

@@ -6,8 +6,8 @@
 #include <string_view>
 
 #include "firmware_if/devices/byte_stream.hpp"
-#include "firmware_if/modem/waiting_frame_port.hpp"
-#include "realtime/kernel/config_table.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
+#include "realtime/base/config_table.hpp"
 
 namespace fathom::io {
 
@@ -22,7 +22,7 @@ struct DeviceAddress {
   int number = 0;    // baud rate or port; 0 for a file
 };
 
-// std::nullopt for a text that is none of these; then `fix` says what is wrong with it.
+// std::nullopt for a text of another form; then `fix` says what is wrong with it.
 [[nodiscard]] std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& fix);
 
 // A key that holds such an address, checked down to the baud rate but not opened; empty when absent or
@@ -30,9 +30,8 @@ struct DeviceAddress {
 [[nodiscard]] std::string readDeviceAddress(const ConfigTable& table, std::string_view key,
                                             std::string_view fallback, bool file_allowed);
 
-// The modem at an address (serial or UDP); one that is not there is waited for. Throws InputError with
-// `where`
-// ("--modem udp:1") as the file's name for an address or a baud rate that can never be used.
+// The modem at an address (serial or UDP); one that is not there is waited for. Throws InputError for an
+// address or a baud rate that can never be used, with `where` ("--modem udp:1") as the file's name.
 [[nodiscard]] std::unique_ptr<WaitingFramePort> openFramePort(const std::string& text,
                                                               const std::string& where);
 

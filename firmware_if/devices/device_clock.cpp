@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/kernel/seconds.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::io {
 namespace {
@@ -30,37 +30,37 @@ void DeviceClock::begin(std::int64_t stamp_ns, std::int64_t arrival_ns) noexcept
 
 std::int64_t DeviceClock::vehicleNs(std::int64_t stamp_ns, std::int64_t arrival_ns) noexcept {
   if (!any_) begin(stamp_ns, arrival_ns);
-  rt::ClockPoint seen{seconds(stamp_ns - first_stamp_ns_), seconds(arrival_ns - stamp_ns - base_ns_)};
-  // Before the first window is whole, the least so far is the best that is known.
-  const double off = seen.lag - (line_.points().empty() ? least_.lag : line_.at(seen.time));
+  rt::ClockPoint point{seconds(stamp_ns - first_stamp_ns_), seconds(arrival_ns - stamp_ns - base_ns_)};
+  // Before the first window is whole, the least so far stands for the line.
+  const double off = point.lag - (line_.points().empty() ? least_.lag : line_.at(point.time));
   const bool early = off<-config_.leap_s, late = off> config_.leap_s;
   if (late) {
-    const bool alike = late_in_row_ > 0 && std::abs(seen.lag - late_delay_) < config_.leap_s;
+    const bool alike = late_in_row_ > 0 && std::abs(point.lag - late_delay_) < config_.leap_s;
     late_in_row_ = alike ? late_in_row_ + 1 : 1;
-    late_delay_ = seen.lag;
+    late_delay_ = point.lag;
   } else {
     late_in_row_ = 0;
   }
   if (early || late_in_row_ == kLateAlike) {
-    // Before there is a window it is more likely the first message that was held up.
+    // Before the first window is whole, the first message was more likely delayed.
     if (!line_.points().empty()) ++leaps_;
     begin(stamp_ns, arrival_ns);
-    seen = {};
+    point = {};
   } else if (late) {
     ++late_;
     if (off > config_.held_up_s) return arrival_ns - nanoseconds(config_.latency_s);
-    return stamp_ns + base_ns_ + nanoseconds(seen.lag - off - config_.latency_s + config_.resolution_s / 2);
+    return stamp_ns + base_ns_ + nanoseconds(point.lag - off - config_.latency_s + config_.resolution_s / 2);
   }
-  if (seen.time - window_begin_ >= kWindow) {
+  if (point.time - window_begin_ >= kWindow) {
     line_.add(least_);
     line_.setRate(
         line_.points().size() < kFewest ? 0 : std::clamp(line_.rate(), -config_.max_rate, config_.max_rate));
-    window_begin_ = seen.time;
-    least_ = seen;
-  } else if (seen.lag <= least_.lag || seen.time == window_begin_) {
-    least_ = seen;
+    window_begin_ = point.time;
+    least_ = point;
+  } else if (point.lag <= least_.lag || point.time == window_begin_) {
+    least_ = point;
   }
-  const double delay = line_.points().empty() ? least_.lag : std::min(line_.at(seen.time), seen.lag);
+  const double delay = line_.points().empty() ? least_.lag : std::min(line_.at(point.time), point.lag);
   offset_ns_ = base_ns_ + nanoseconds(delay - config_.latency_s);
   // The least delay is that of a stamp that lost nothing by being cut.
   return std::min(stamp_ns + offset_ns_ + nanoseconds(config_.resolution_s / 2), arrival_ns);

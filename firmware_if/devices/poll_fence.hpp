@@ -6,16 +6,17 @@
 #include <exception>
 
 #include "firmware_if/devices/sample_source.hpp"
-#include "realtime/kernel/retry_wait.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/retry_wait.hpp"
 
 namespace fathom::io {
 
-// Stands between a device and the thread that polls it: what poll() throws (no memory, an error of a library)
-// is counted and kept as a text, the device is let go, and polled again after a second, then two, four... at
-// most a minute. The thread never ends by it. Serves SampleSource and CameraSource alike.
+// Stands between a device and the thread that polls it, a SampleSource or a CameraSource. An exception of
+// poll() (no memory, an error of a library) is counted and its text kept; the device is closed and polled
+// again after 1, 2, 4... 60 s. The thread never ends by it.
 class PollFence {
  public:
-  static constexpr std::int64_t kFirstRestNs = 1'000'000'000, kLongestRestNs = 60'000'000'000;
+  static constexpr std::int64_t kFirstRestNs = kSecond_ns, kLongestRestNs = 60 * kSecond_ns;
 
   // One poll, or a rest of `timeout_ms` while the device is not to be asked.
   template <class Device, class Sink>
@@ -38,8 +39,8 @@ class PollFence {
     device.close();
     wait_.failed(monotonic_ns);
   }
-  // Over what the device tells of itself; while it rests it is not there.
-  void tell(DeviceHealth& health) const noexcept {
+  // Marks a device that rests as not there, with the reason.
+  void markFailure(DeviceHealth& health) const noexcept {
     if (reason_.empty()) return;
     health.open = false;
     health.reason = reason_;

@@ -23,7 +23,7 @@ class SampleSink {
                    std::span<const std::uint8_t> bytes) noexcept = 0;
 };
 
-// What a device has to tell about itself; for people, the log and the health message, not for control.
+// State of a device for the operator, the log and the health message, not for control.
 struct DeviceHealth {
   std::string_view name;          // "dvl", "can"...; static storage
   bool open = false;              // the device is there
@@ -40,13 +40,13 @@ struct DeviceHealth {
 class SampleSource {
  public:
   virtual ~SampleSource() = default;
-  // Waits at most `timeout_ms` for the device, then hands everything that came to the sink. False when the
-  // device is not there (poll then has waited the time out). Takes no memory once it has run. What a library
-  // under it throws comes out: PollFence is between it and the thread.
+  // Waits at most `timeout_ms` for the device, then hands everything that came to the sink. False, after the
+  // whole time, when the device is not there. Takes no memory once it has run. Exceptions of the libraries
+  // that it uses come out: PollFence is between it and the thread.
   virtual bool poll(int timeout_ms, SampleSink& sink) = 0;
-  // Lets the device go; the next poll() opens it anew. On the polling thread.
+  // Closes the device; the next poll() opens it again. On the polling thread.
   virtual void close() noexcept {}
-  // Into a DeviceHealth made by health() before: refreshes it without allocating. Only on the polling thread.
+  // Refreshes a DeviceHealth that health() gave, without allocating. Only on the polling thread.
   virtual void updateHealth(DeviceHealth& health) const noexcept = 0;
   [[nodiscard]] virtual DeviceHealth health() const = 0;  // set-up only
 };

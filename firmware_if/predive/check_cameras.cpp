@@ -2,19 +2,18 @@
 #include <cmath>
 
 #include "firmware_if/predive/predive_checks.hpp"
-#include "firmware_if/predive/predive_text.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::io {
 namespace {
 
-constexpr std::array<const char*, 2> kSides = {"left", "right"};
 constexpr double kRateTolerance = 0.05;   // of the rate; and one frame at each end
 constexpr std::size_t kFewestFrames = 3;  // before there is a rate
 constexpr double kPairedShare = 0.9;      // of the frames that must find their partner
 constexpr double kDarkFrame = 0.5;        // of the camera's usual brightness: a frame without light
 constexpr double kUnlike = 4;             // brightness of one camera over the other's
 
-double median(std::vector<double> values) {
+double medianOf(std::vector<double> values) {
   if (values.empty()) return 0;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
@@ -29,46 +28,49 @@ double rateOf(const std::vector<FrameFacts>& frames) {
 // True when its frames are worth looking at further.
 bool checkOne(const PrediveFacts& facts, std::size_t side, const CameraConfig& config,
               const Camera& calibrated, PrediveReport& report) {
-  const std::string name = std::string("camera ") + kSides[side];
-  const CameraFacts& seen = facts.cameras[side];
-  if (!seen.used) {
+  const std::string name = std::string("camera ") + kCameraSides[side];
+  const CameraFacts& camera = facts.cameras[side];
+  if (!camera.used) {
     report.bad(name, "none is configured",
-               std::string("set cameras.") + kSides[side] + " to its serial number in onboard.toml");
+               std::string("set cameras.") + kCameraSides[side] + " to its serial number in onboard.toml");
     return false;
   }
-  const std::string who = config.id + (seen.identity.address.empty() ? "" : " at " + seen.identity.address);
-  if (seen.frames.empty()) {
-    const std::string why = seen.identity.failure.empty() ? "" : ": " + seen.identity.failure;
-    if (!seen.identity.answers)
-      report.bad(name, who + " is not there" + why,
+  const std::string named =
+      config.id + (camera.identity.address.empty() ? "" : " at " + camera.identity.address);
+  if (camera.frames.empty()) {
+    const std::string why = camera.identity.failure.empty() ? "" : ": " + camera.identity.failure;
+    if (!camera.identity.answers)
+      report.bad(name, named + " is not there" + why,
                  "look at power, cable and address: arv-tool-0.8 lists the cameras that answer");
     else if (!why.empty())
       report.bad(
-          name, who + " cannot be used" + why,
+          name, named + " cannot be used" + why,
           "end programs that use it; look whether it is the other side's, and at [cameras] in onboard.toml");
     else
-      report.bad(name, who + " answers but gives no frame",
-                 "look at the trigger and cameras.trigger, then at lost packets (MTU 9000 on the way)");
+      report.bad(
+          name, named + " answers but gives no frame",
+          "look at the trigger and cameras.trigger, then at lost packets (MTU 9000 on the whole path)");
     return false;
   }
-  const FrameFacts& frame = seen.frames.back();
+  const FrameFacts& frame = camera.frames.back();
   const std::string size = std::to_string(frame.width) + "x" + std::to_string(frame.height);
   if (frame.width != calibrated.width || frame.height != calibrated.height) {
-    report.bad(name, who + " gives " + size,
+    report.bad(name, named + " gives " + size,
                "stereo.calib is of " + std::to_string(calibrated.width) + "x" +
                    std::to_string(calibrated.height) +
-                   ": set cameras.width and height to it, or calibrate anew");
+                   ": set cameras.width and height to it, or calibrate again");
     return true;
   }
-  const std::uint64_t exposed = frame.frame_id - seen.frames.front().frame_id + 1;
-  const std::uint64_t missed = exposed > seen.frames.size() ? exposed - seen.frames.size() : 0;
-  const double rate = seen.frames.size() < kFewestFrames ? 0 : rateOf(seen.frames);
-  const std::string found = who + ", " + size + ", " + decimals(rate, 2) + " Hz of " +
-                            decimals(config.rate_hz, 2) + ", " + std::to_string(seen.frames.size()) +
+  const std::uint64_t exposed = frame.frame_id - camera.frames.front().frame_id + 1;
+  const std::uint64_t missed = exposed > camera.frames.size() ? exposed - camera.frames.size() : 0;
+  const double rate = camera.frames.size() < kFewestFrames ? 0 : rateOf(camera.frames);
+  const std::string found = named + ", " + size + ", " + decimals(rate, 2) + " Hz of " +
+                            decimals(config.rate_hz, 2) + ", " + std::to_string(camera.frames.size()) +
                             " frames, " + std::to_string(missed) + " missed";
   if (missed > 0)
-    report.bad(name, found,
-               "frames are lost on the way: MTU 9000 on every part of it, then cameras.packet_delay_ns");
+    report.bad(
+        name, found,
+        "frames are lost on the network: MTU 9000 on every part of the path, then cameras.packet_delay_ns");
   else if (std::abs(rate - config.rate_hz) > kRateTolerance * config.rate_hz)
     report.bad(
         name, found,
@@ -87,7 +89,7 @@ void checkImages(const std::vector<FrameFacts>& frames, const std::string& side,
     means.push_back(frame.quality.mean);
     saturated = std::max(saturated, frame.quality.saturated_share);
   }
-  const double mean = median(means);
+  const double mean = medianOf(means);
   const std::string light = "mean " + decimals(100 * mean, 1) + " % of full scale, at most " +
                             decimals(100 * saturated, 1) + " % of the pixels saturated";
   if (mean < limits.mean_min)
@@ -98,11 +100,11 @@ void checkImages(const std::vector<FrameFacts>& frames, const std::string& side,
   else
     report.good("exposure " + side, light);
   if (2 * widths.size() < frames.size()) {
-    report.bad("focus " + side, "too few edges to tell",
+    report.bad("focus " + side, "too few edges to measure",
                "show it something with edges at the distance that it will work at, and light it");
     return;
   }
-  const double width = median(widths);
+  const double width = medianOf(widths);
   const std::string found =
       "sharpest edges " + decimals(width, 1) + " px wide, " + decimals(limits.edge_px, 1) + " at most";
   if (width <= limits.edge_px)
@@ -111,15 +113,15 @@ void checkImages(const std::vector<FrameFacts>& frames, const std::string& side,
     report.bad("focus " + side, found, "turn the lens until the edges are sharp; wipe the port");
 }
 
-struct Paired {
+struct PairedFrames {
   std::vector<double> offsets_s;  // right after left
   std::size_t wanted = 0;
 };
 
 // Each left frame with the right one nearest in time, within half a period.
-Paired pairFrames(const std::vector<FrameFacts>& left, const std::vector<FrameFacts>& right,
-                  double right_later_s, double period_s) {
-  Paired pairs;
+PairedFrames pairFrames(const std::vector<FrameFacts>& left, const std::vector<FrameFacts>& right,
+                        double right_later_s, double period_s) {
+  PairedFrames pairs;
   pairs.wanted = std::min(left.size(), right.size());
   for (const FrameFacts& frame : left) {
     double best = period_s;
@@ -137,7 +139,7 @@ void checkPair(const PrediveFacts& facts, const StereoCameraConfig& cameras, con
   const auto& left = facts.cameras[0].frames;
   const auto& right = facts.cameras[1].frames;
   const double later = mission.time_offsets.right_camera - mission.time_offsets.left_camera;
-  Paired pairs = pairFrames(left, right, later, 1 / cameras.side[0].rate_hz);
+  PairedFrames pairs = pairFrames(left, right, later, 1 / cameras.side[0].rate_hz);
   std::sort(pairs.offsets_s.begin(), pairs.offsets_s.end());
   const std::size_t n = pairs.offsets_s.size();
   if (n < kFewestFrames) {
@@ -197,7 +199,7 @@ void checkCameras(const PrediveFacts& facts, const StereoCameraConfig& cameras, 
       report.bad("serial numbers", "left " + left + ", right " + right, wrong);
   }
   for (std::size_t side = 0; side < 2; ++side)
-    if (gives[side]) checkImages(facts.cameras[side].frames, kSides[side], limits, report);
+    if (gives[side]) checkImages(facts.cameras[side].frames, kCameraSides[side], limits, report);
   if (gives[0] && gives[1]) checkPair(facts, cameras, mission, limits, report);
 }
 

@@ -4,7 +4,7 @@
 
 namespace fathom::io {
 
-// What one image tells of light and focus before a dive. Shares of full scale, 0 to 1.
+// Light and focus of one image before a dive. Shares of full scale, 0 to 1.
 struct ImageQuality {
   double mean = 0;
   double dark_share = 0;       // of the pixels, below 2 % of full scale

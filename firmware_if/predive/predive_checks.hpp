@@ -1,25 +1,44 @@
 #pragma once
 
-#include "firmware_if/camera/camera_config.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/predive/predive_config.hpp"
+#include "firmware_if/devices/camera/camera_config.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
-#include "realtime/kernel/system_clock.hpp"
-#include "realtime/kernel/tiers/arming.hpp"
+#include "realtime/base/config_table.hpp"
+#include "realtime/kernel/threads/arming.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::io {
 
-// Rows of the table from what was read and seen; pure. `adds` green, red or unused rows.
+// Table `[predive]` of onboard.toml: limits of a good state before the launch.
+struct PrediveConfig {
+  // Least rates [Hz]; a device passes with 80 % of them.
+  double dvl_hz = 2, compass_hz = 5, depth_hz = 1;
+  double edge_px = 5;             // widest that the sharpest edges of an image may be (image_quality.hpp)
+  double saturated_share = 0.05;  // most of an image's pixels that may be saturated
+  double mean_min = 0.03, mean_max = 0.8;  // of an image, of full scale
+  double pair_offset_s = 0.01;  // largest median and largest spread of the time between left and right
+  double deck_depth_m = 5;      // the pressure sensor shows no more than this on deck
+  double deck_tilt_deg = 45;    // largest roll or pitch of a vehicle on deck
+  double origin_km = 50;        // no fix is further from the mission's origin
+  double least_charge = 0.2;    // of the battery, 0 to 1
+  double vehicle_size_m = 5;    // no sensor is further from the body's origin
+  bool system_clock = true;     // the system's clock must be synchronised; else it is noted only
+  double clock_error_s = 0.1;   // largest error that the system states of its own clock
+};
+// Throws InputError for a value out of range.
+[[nodiscard]] PrediveConfig readPrediveConfig(const ConfigTable& table, PrediveConfig defaults = {});
+
+// Each check adds green, red or unused rows for what was read and measured; pure functions.
 
 // Sensors' places on the vehicle and the stereo rig, as mission.toml and stereo.calib have them.
 void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const PrediveConfig& limits,
                      PrediveReport& report);
 
-// Each camera: there, the one of the calibration, its size and rate; focus, exposure. Then the pair: exposed
-// together, lit alike.
+// Each camera: present, the one of the calibration, size and rate, focus, exposure. Then the pair: exposed
+// together, equally lit.
 void checkCameras(const PrediveFacts& facts, const StereoCameraConfig& cameras, const MissionConfig& mission,
                   const StereoRig& rig, const PrediveConfig& limits, PrediveReport& report);
 

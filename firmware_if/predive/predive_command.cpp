@@ -6,16 +6,15 @@
 #include <optional>
 #include <stdexcept>
 
-#include "firmware_if/camera/camera_discovery.hpp"
-#include "firmware_if/camera/gige_camera.hpp"
-#include "firmware_if/can/bus/can_config.hpp"
-#include "firmware_if/can/bus/can_source.hpp"
+#include "firmware_if/devices/camera/camera_discovery.hpp"
+#include "firmware_if/devices/camera/gige_camera.hpp"
+#include "firmware_if/devices/can/bus/can_source.hpp"
 #include "firmware_if/devices/device_address.hpp"
-#include "firmware_if/dvl/dvl_source.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "firmware_if/devices/dvl/dvl_source.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
 #include "firmware_if/predive/predive_checks.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 
 namespace fathom::io {
 namespace {
@@ -70,7 +69,7 @@ auto readFile(const char* name, PrediveReport& report, const Read& read) -> std:
   }
 }
 
-// A device that cannot even be asked is a red row; the others go on.
+// A device that cannot be opened at all is a red row; the others are still checked.
 template <class Open>
 void openDevice(const char* name, PrediveReport& report, const Open& open) {
   try {
@@ -80,7 +79,7 @@ void openDevice(const char* name, PrediveReport& report, const Open& open) {
   }
 }
 
-// A camera that could not be opened may answer all the same: then it tells its serial number.
+// A camera that could not be opened may still answer the search, with its serial number.
 PrediveIdentity identityOf(const GigeCamera& camera, const CameraConfig& wanted) {
   PrediveIdentity identity{camera.serial(), camera.address(), camera.lastFailure(), !camera.serial().empty()};
   if (identity.answers) return identity;

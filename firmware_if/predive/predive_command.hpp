@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <functional>
 
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
-#include "realtime/kernel/config_table.hpp"
+#include "realtime/base/config_table.hpp"
 
 namespace fathom::io {
 

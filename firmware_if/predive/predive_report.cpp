@@ -6,13 +6,13 @@
 namespace fathom::io {
 namespace {
 
-const char* word(Verdict verdict) {
+const char* word(PrediveVerdict verdict) {
   switch (verdict) {
-    case Verdict::kGood:
+    case PrediveVerdict::kGood:
       return "good";
-    case Verdict::kBad:
+    case PrediveVerdict::kBad:
       return "bad";
-    case Verdict::kUnused:
+    case PrediveVerdict::kUnused:
       break;
   }
   return "unused";
@@ -22,7 +22,7 @@ const char* word(Verdict verdict) {
 
 bool PrediveReport::allGood() const {
   return std::none_of(rows.begin(), rows.end(),
-                      [](const PrediveRow& row) { return row.verdict == Verdict::kBad; });
+                      [](const PrediveRow& row) { return row.verdict == PrediveVerdict::kBad; });
 }
 
 std::string reportTable(const PrediveReport& report, bool colours) {
@@ -30,13 +30,13 @@ std::string reportTable(const PrediveReport& report, bool colours) {
   for (const PrediveRow& row : report.rows) width = std::max(width, row.name.size());
   std::string out;
   for (const PrediveRow& row : report.rows) {
-    const char* colour = row.verdict == Verdict::kGood  ? "\033[32m"
-                         : row.verdict == Verdict::kBad ? "\033[1;31m"
-                                                        : "\033[90m";
-    const char* label = row.verdict == Verdict::kGood  ? "green"
-                        : row.verdict == Verdict::kBad ? "RED  "
-                                                       : "-    ";
-    bad += row.verdict == Verdict::kBad ? 1 : 0;
+    const char* colour = row.verdict == PrediveVerdict::kGood  ? "\033[32m"
+                         : row.verdict == PrediveVerdict::kBad ? "\033[1;31m"
+                                                               : "\033[90m";
+    const char* label = row.verdict == PrediveVerdict::kGood  ? "green"
+                        : row.verdict == PrediveVerdict::kBad ? "RED  "
+                                                              : "-    ";
+    bad += row.verdict == PrediveVerdict::kBad ? 1 : 0;
     out += (colours ? colour : "") + std::string(label) + (colours ? "\033[0m" : "") + "  " + row.name +
            std::string(width - row.name.size(), ' ') + "  " + row.found + "\n";
     if (!row.fix.empty()) out += "       " + std::string(width, ' ') + "  -> " + row.fix + "\n";

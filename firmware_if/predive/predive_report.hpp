@@ -1,16 +1,22 @@
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
 namespace fathom::io {
 
-enum class Verdict { kGood, kBad, kUnused };
+// "1 frame", "2 frames".
+inline std::string plural(std::uint64_t count, const std::string& thing) {
+  return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
+}
 
-// One line of the table: what was looked at, what was found, and for a red one what to do about it.
+enum class PrediveVerdict { kGood, kBad, kUnused };
+
+// One line of the table: what was checked, what was found and, for a red one, what to do about it.
 struct PrediveRow {
   std::string name;
-  Verdict verdict = Verdict::kGood;
+  PrediveVerdict verdict = PrediveVerdict::kGood;
   std::string found;
   std::string fix;  // of a red row
 };
@@ -19,13 +25,13 @@ struct PrediveReport {
   std::vector<PrediveRow> rows;
   [[nodiscard]] bool allGood() const;
   void good(std::string name, std::string found) {
-    rows.push_back({std::move(name), Verdict::kGood, std::move(found), ""});
+    rows.push_back({std::move(name), PrediveVerdict::kGood, std::move(found), ""});
   }
   void bad(std::string name, std::string found, std::string fix) {
-    rows.push_back({std::move(name), Verdict::kBad, std::move(found), std::move(fix)});
+    rows.push_back({std::move(name), PrediveVerdict::kBad, std::move(found), std::move(fix)});
   }
   void unused(std::string name, std::string found) {
-    rows.push_back({std::move(name), Verdict::kUnused, std::move(found), ""});
+    rows.push_back({std::move(name), PrediveVerdict::kUnused, std::move(found), ""});
   }
 };
 

@@ -6,17 +6,15 @@
 #include <thread>
 
 #include "firmware_if/devices/poll_fence.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::io {
 namespace {
 
 constexpr int kPollMs = 50;
-constexpr std::chrono::seconds kGreetEvery{5};  // both ways through the water and the answer's time
-constexpr std::size_t kMaxFrames = 2000;        // of one camera: minutes, even at its fastest
-
-std::int64_t monotonicNs() {
-  return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
+constexpr std::chrono::seconds kGreetEvery{
+    5};                                   // the travel times of greeting and answer, and the answer's length
+constexpr std::size_t kMaxFrames = 2000;  // of one camera: minutes, even at its fastest
 
 using SampleTable = std::array<SampleFacts, kDeviceKinds>;
 
@@ -75,26 +73,26 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
   std::vector<std::thread> threads;
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     threads.emplace_back([&, i] {
-      while (more()) fences[i].poll(*devices.sources[i], kPollMs, notes[i], monotonicNs());
+      while (more()) fences[i].poll(*devices.sources[i], kPollMs, notes[i], rt::RealClock().monotonicNs());
     });
   }
   for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
     PrediveDevices::Camera& camera = devices.cameras[side];
-    CameraFacts& seen = facts.cameras[side];
-    seen.used = camera.source != nullptr;
-    if (!seen.used) continue;
+    CameraFacts& gives = facts.cameras[side];
+    gives.used = camera.source != nullptr;
+    if (!gives.used) continue;
     threads.emplace_back([&] {
-      NoteFrames sink(*camera.source, seen);
+      NoteFrames sink(*camera.source, gives);
       PollFence fence;
-      while (more()) fence.poll(*camera.source, kPollMs, sink, monotonicNs());
+      while (more()) fence.poll(*camera.source, kPollMs, sink, rt::RealClock().monotonicNs());
       try {
-        if (camera.identity) seen.identity = camera.identity();
+        if (camera.identity) gives.identity = camera.identity();
       } catch (const std::exception& e) {
-        seen.identity.failure = e.what();
+        gives.identity.failure = e.what();
       }
-      seen.health = camera.source->health();
-      fence.tell(seen.health);
-      if (!fence.reason().empty()) seen.identity.failure = fence.reason();
+      gives.health = camera.source->health();
+      fence.markFailure(gives.health);
+      if (!fence.reason().empty()) gives.identity.failure = fence.reason();
     });
   }
   facts.modem.used = devices.modem_used;
@@ -116,9 +114,9 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
         }
         ++facts.modem.frames;
         if (!devices.link.read) continue;
-        const PrediveLink::Heard heard = devices.link.read({frame.data(), size});
-        facts.modem.ours += heard.ours ? 1 : 0;
-        if (heard.fix) facts.modem.fix = heard.fix;
+        const PrediveLink::Received received = devices.link.read({frame.data(), size});
+        facts.modem.ours += received.ours ? 1 : 0;
+        if (received.fix) facts.modem.fix = received.fix;
       }
       facts.modem.broken = devices.modem->droppedFrames();
     });
@@ -127,7 +125,7 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
   facts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     facts.sources.push_back(devices.sources[i]->health());
-    fences[i].tell(facts.sources.back());
+    fences[i].markFailure(facts.sources.back());
     merge(notes[i].table, facts.samples);
   }
   // A fix that came over LCM and one of the ship's frame are the same to the vehicle.

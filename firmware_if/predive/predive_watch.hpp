@@ -9,7 +9,7 @@
 #include <variant>
 #include <vector>
 
-#include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
 #include "firmware_if/devices/sample_source.hpp"
 #include "firmware_if/devices/vehicle_time.hpp"
 #include "firmware_if/predive/image_quality.hpp"
@@ -27,16 +27,16 @@ struct PrediveIdentity {
 
 // The acoustic link's protocol, which is of another layer: the program's main gives it.
 struct PrediveLink {
-  struct Heard {
+  struct Received {
     bool ours = false;  // of the ship, for this vehicle on this dive
     std::optional<UsblFix> fix;
   };
-  std::function<Heard(std::span<const std::uint8_t>)> read;
+  std::function<Received(std::span<const std::uint8_t>)> read;
   // Writes a frame that gives the ship the turn to speak; the bytes used.
   std::function<std::size_t(std::int64_t utc_ns, std::span<std::uint8_t> out)> greet;
 };
 
-// The devices that are looked at: the program's own before a dive, stand-ins in tests.
+// The devices that are checked: the program's own before a dive, stand-ins in tests.
 struct PrediveDevices {
   struct Camera {
     std::unique_ptr<CameraSource> source;       // null: none is configured

@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/spsc_ring.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
 
 namespace fathom::io {
 
@@ -22,7 +22,7 @@ class ByteRing {
   ByteRing(const ByteRing&) = delete;
   ByteRing& operator=(const ByteRing&) = delete;
 
-  // Producer only: one record made of the parts, which together take at most mostBytes().
+  // Producer only: one record, the parts one behind the other, at most mostBytes() together.
   [[nodiscard]] bool push(std::initializer_list<std::span<const std::uint8_t>> parts) noexcept {
     std::size_t size = 0;
     for (const auto& part : parts) size += part.size();
@@ -30,7 +30,7 @@ class ByteRing {
     const std::size_t used = tail - head_.load(std::memory_order_acquire);
     const std::size_t at = tail % memory_.size();
     const std::size_t whole = kSizeBytes + rounded(size);
-    // A record lies in one piece: what is left at the end of the memory is passed over.
+    // A record is in one piece: too little room at the end of the memory is passed over.
     const std::size_t passed_over = at + whole > memory_.size() ? memory_.size() - at : 0;
     if (size > mostBytes() || used + passed_over + whole > memory_.size()) {
       refused_.store(refused_.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);

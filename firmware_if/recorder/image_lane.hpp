@@ -2,13 +2,13 @@
 
 #include <cstdint>
 
-#include "firmware_if/camera/camera_source.hpp"
-#include "realtime/kernel/fixed_queue.hpp"
-#include "realtime/kernel/spsc_ring.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
+#include "realtime/kernel/rings/fixed_queue.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
 
 namespace fathom::io {
 
-// One camera's exposures on their way to the disk, and what became of those that no input has named yet.
+// One camera's exposures that wait for the disk, and the outcome of those that no input has named yet.
 class ImageLane {
  public:
   static constexpr std::size_t kCapacity = 64;

@@ -4,15 +4,16 @@
 #include <optional>
 #include <utility>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "realtime/kernel/clock.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::io {
 namespace {
 
-constexpr std::array<CameraSide, 2> kSides = {CameraSide::kLeft, CameraSide::kRight};
-// A disk that takes longer for one image of each camera cannot hold inputs within a second beside them [ns].
-constexpr std::int64_t kMostTime = 700'000'000;
+constexpr std::array<CameraSide, 2> kBothSides = {CameraSide::kLeft, CameraSide::kRight};
+// A disk that takes longer for one image of each camera cannot also sync inputs within a second.
+constexpr std::int64_t kMostImageTime_ns = 700 * kMillisecond_ns;
 
 }  // namespace
 
@@ -32,10 +33,10 @@ bool ImageStage::offer(const CameraFrame& frame) noexcept {
 void ImageStage::step(bool room) {
   const rt::RealClock clock;
   const std::int64_t start = clock.monotonicNs();
-  const bool too_slow = time_ns_ > kMostTime;
+  const bool too_slow = time_ns_ > kMostImageTime_ns;
   if (room && waiting()) error_ = 0;
   std::array<std::optional<std::int64_t>, 2> written;  // times of what is to be committed
-  for (const CameraSide side : kSides) {
+  for (const CameraSide side : kBothSides) {
     CameraFrame frame;
     if (!laneOf(side).take(frame)) continue;
     if (room && !too_slow && write(frame)) {
@@ -51,7 +52,7 @@ void ImageStage::step(bool room) {
   const bool good = writer_.commit();
   if (!good) ++counters_.failures;
   if (!good) error_ = writer_.error();
-  for (const CameraSide side : kSides) {
+  for (const CameraSide side : kBothSides) {
     const auto utc_ns = written[static_cast<std::size_t>(side)];
     if (!utc_ns) continue;
     ++(good ? counters_.written : counters_.dropped_disk);

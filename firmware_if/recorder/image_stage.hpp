@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
 #include "firmware_if/recorder/image_lane.hpp"
 #include "firmware_if/recorder/image_writer.hpp"
 

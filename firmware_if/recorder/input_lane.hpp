@@ -3,9 +3,9 @@
 #include <atomic>
 #include <cstdint>
 
-#include "firmware_if/log/onboard_input.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/spsc_ring.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::io {
 
@@ -15,8 +15,8 @@ struct InputLaneEntry {
   OnboardInput input;
 };
 
-// Inputs on their way to the log, numbered when they are offered, those that find no room too: so the
-// recorder sees where some are missing.
+// Inputs that wait for the log. All are numbered when they are offered, also those that find no room, so that
+// the recorder finds where some are missing.
 class InputLane {
  public:
   using Entry = InputLaneEntry;

@@ -10,14 +10,14 @@
 #include <cerrno>
 #include <cstring>
 
-#include "firmware_if/log/log_events.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::io {
 namespace {
 
-constexpr std::size_t kMemory = std::size_t{4} << 20;         // minutes of inputs while the disk refuses
-constexpr std::uint64_t kLeastRoom = std::uint64_t{4} << 20;  // less is not worth taking
+constexpr std::size_t kJournalMemory_bytes = std::size_t{4} << 20;  // minutes of inputs
+constexpr std::uint64_t kLeastRoom_bytes = std::uint64_t{4} << 20;  // less is not worth taking
 
 // Of a log that lost power before its first event was whole: its beginning, or what the disk gives for blocks
 // that were never written. errno is set when the disk refuses.
@@ -37,32 +37,22 @@ bool beginsAsLog(int fd) {
 
 JournalFile::JournalFile() {
   // Touched now, so that the first events find their memory there.
-  memory_.resize(kMemory);
+  memory_.resize(kJournalMemory_bytes);
   memory_.clear();
 }
 
 bool JournalFile::open(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free) {
-  const int fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  if (fd < 0 && errno == EISDIR) refuseForeign(path);
-  if (fd < 0) return refused("cannot be opened");
-  bool good = false;
-  try {
-    good = goOnBehind(fd, path);
-  } catch (...) {
-    ::close(fd);
-    throw;
-  }
-  if (!good) {
-    ::close(fd);
-    return false;
-  }
-  fd_ = fd;
+  Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+  if (!file.open() && errno == EISDIR) refuseForeign(path);
+  if (!file.open()) return refused("cannot be opened");
+  if (!continueBehind(file.get(), path)) return false;
+  file_ = std::move(file);
   takeRoom(room, leave_free);
   return true;
 }
 
 // Finds the end of the log, and cuts away what follows it.
-bool JournalFile::goOnBehind(int fd, const std::filesystem::path& path) {
+bool JournalFile::continueBehind(int fd, const std::filesystem::path& path) {
   struct stat status = {};
   if (::fstat(fd, &status) != 0) return refused("cannot be looked at");
   if (!S_ISREG(status.st_mode)) refuseForeign(path);
@@ -84,7 +74,7 @@ bool JournalFile::goOnBehind(int fd, const std::filesystem::path& path) {
   whole_at_start_ = synced_ = cached_from_ = end.offset;
   cut_at_start_ += static_cast<std::uint64_t>(status.st_size) - end.offset;
   next_number_ = end.next_number;
-  return ::fsync(fd) == 0 || refused("cannot be made durable");
+  return ::fsync(fd) == 0 || refused("cannot be synced to the disk");
 }
 
 bool JournalFile::refused(const char* what) noexcept {
@@ -92,24 +82,21 @@ bool JournalFile::refused(const char* what) noexcept {
   return false;
 }
 
-JournalFile::~JournalFile() {
-  if (isOpen()) ::close(fd_);
-}
-
 void JournalFile::takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcept {
   struct statvfs disk = {};
-  if (::fstatvfs(fd_, &disk) != 0) return;
+  if (::fstatvfs(file_.get(), &disk) != 0) return;
   const std::uint64_t free = std::uint64_t{disk.f_bavail} * disk.f_frsize;
   room = std::min(room, free > leave_free ? free - leave_free : 0);
-  for (; room >= kLeastRoom; room /= 2) {
-    if (::fallocate(fd_, FALLOC_FL_KEEP_SIZE, static_cast<off_t>(synced_), static_cast<off_t>(room)) == 0 ||
+  for (; room >= kLeastRoom_bytes; room /= 2) {
+    if (::fallocate(file_.get(), FALLOC_FL_KEEP_SIZE, static_cast<off_t>(synced_),
+                    static_cast<off_t>(room)) == 0 ||
         errno != ENOSPC)  // not every file system can
       return;
   }
 }
 
 std::size_t JournalFile::spare() const noexcept {
-  return kMemory - memory_.size();
+  return kJournalMemory_bytes - memory_.size();
 }
 
 void JournalFile::append(std::int64_t timestamp_us, std::string_view channel,
@@ -120,26 +107,19 @@ void JournalFile::append(std::int64_t timestamp_us, std::string_view channel,
 }
 
 bool JournalFile::write() noexcept {
-  while (written_ < memory_.size()) {
-    const ssize_t n = ::pwrite(fd_, memory_.data() + written_, memory_.size() - written_,
-                               static_cast<off_t>(synced_ + written_));
-    if (n < 0 && errno == EINTR) continue;
-    if (n == 0) errno = ENOSPC;
-    if (n <= 0) return refused("cannot be written");
-    written_ += static_cast<std::size_t>(n);
-  }
-  return true;
+  written_ += writeAt(file_.get(), std::span(memory_).subspan(written_), synced_ + written_);
+  return written_ == memory_.size() || refused("cannot be written");
 }
 
 bool JournalFile::sync() noexcept {
   if (written_ == 0) return true;
-  const bool good = ::fdatasync(fd_) == 0;
+  const bool good = ::fdatasync(file_.get()) == 0;
   if (good) {
     synced_ += written_;
     memory_.erase(memory_.begin(), memory_.begin() + static_cast<std::ptrdiff_t>(written_));
     dropFromCache();
   } else {
-    (void)refused("cannot be made durable");
+    (void)refused("cannot be synced to the disk");
   }
   written_ = 0;
   return good;
@@ -149,15 +129,15 @@ void JournalFile::dropFromCache() noexcept {
   constexpr std::uint64_t kPage = 4096;  // the last one is still written to
   const std::uint64_t whole_pages = synced_ / kPage * kPage;
   if (whole_pages <= cached_from_) return;
-  ::posix_fadvise(fd_, static_cast<off_t>(cached_from_), static_cast<off_t>(whole_pages - cached_from_),
-                  POSIX_FADV_DONTNEED);
+  ::posix_fadvise(file_.get(), static_cast<off_t>(cached_from_),
+                  static_cast<off_t>(whole_pages - cached_from_), POSIX_FADV_DONTNEED);
   cached_from_ = whole_pages;
 }
 
-// What the file holds stays, durable or not.
 void JournalFile::close() noexcept {
   struct stat status = {};
-  if (::fstat(fd_, &status) == 0 && ::ftruncate(fd_, status.st_size) == 0) (void)::fsync(fd_);
+  if (::fstat(file_.get(), &status) == 0 && ::ftruncate(file_.get(), status.st_size) == 0)
+    (void)::fsync(file_.get());
 }
 
 }  // namespace fathom::io

@@ -7,33 +7,31 @@
 #include <string_view>
 #include <vector>
 
+#include "realtime/base/files/descriptor.hpp"
+
 namespace fathom::io {
 
 // sensors.lcmlog as an append-only journal. Events gather in memory of a fixed size, go to the system in
-// pieces, and stay in memory until sync() has made them durable. Room is taken on the disk behind the end of
-// the file (FALLOC_FL_KEEP_SIZE: the file's size stays that of its events, so that every reader of LCM logs
-// reads it), and what was taken too much is given back by close().
+// pieces, and stay in memory until sync() has put them on the disk. Room is taken on the disk behind the end
+// of the file (FALLOC_FL_KEEP_SIZE: the file's size stays that of its events, so that every reader of LCM
+// logs reads it); close() gives unused room back.
 //
-// What the disk refuses is tried again by the next write(); the file then may end in a part of an event,
-// which readers pass over, until the rest follows. After a sync that failed all is written again that was not
-// durable before it: the system may have dropped it. What cannot be read is never cut.
+// The next write() tries again what the disk refused; until then the file may end in a part of an event,
+// which readers pass over. After a failed sync everything since the last good one is written again: the
+// system may have dropped it. A file that cannot be read is never cut.
 class JournalFile {
  public:
   // Takes the memory; no file yet.
   JournalFile();
-  ~JournalFile();
-  JournalFile(const JournalFile&) = delete;
-  JournalFile& operator=(const JournalFile&) = delete;
 
-  // Goes on behind the last whole event of a log that is there; anything behind it is cut away. `room` is
-  // taken beforehand as far as the disk has it, leaving `leave_free` [bytes]. False when the disk refuses, or
-  // the end of the log cannot be read: then no event is cut, and it may be called again. Throws InputError
-  // for a file that is no LCM log.
+  // Continues an existing log behind its last whole event; anything behind that is cut away. `room` is taken
+  // beforehand as far as the disk has it, leaving `leave_free` [bytes]. False when the disk refuses, or the
+  // end of the log cannot be read: then no event is cut, and it may be called again. Throws InputError for a
+  // file that is no LCM log.
   [[nodiscard]] bool open(const std::filesystem::path& path, std::uint64_t room, std::uint64_t leave_free);
-  [[nodiscard]] bool isOpen() const noexcept { return fd_ >= 0; }
+  [[nodiscard]] bool isOpen() const noexcept { return file_.open(); }
 
-  // The rest only while it is open.
-  // The event takes at most spare() bytes with its framing.
+  // The rest only while it is open. The event takes at most spare() bytes with its framing.
   void append(std::int64_t timestamp_us, std::string_view channel, std::span<const std::uint8_t> data);
   // Hands what gathered to the system; false when it refuses.
   [[nodiscard]] bool write() noexcept;
@@ -42,7 +40,7 @@ class JournalFile {
   // Gives back the room behind the end. Nothing is appended after.
   void close() noexcept;
 
-  // Why the last open(), write() or sync() that was refused was, in words.
+  // Reason of the last open(), write() or sync() that was refused, in words.
   [[nodiscard]] const std::string& failure() const noexcept { return failure_; }
   // What the memory has left [bytes]: little when the disk has refused for long, or when sync() is due.
   [[nodiscard]] std::size_t spare() const noexcept;
@@ -55,12 +53,12 @@ class JournalFile {
   [[nodiscard]] std::uint64_t cutAtStart() const noexcept { return cut_at_start_; }
 
  private:
-  [[nodiscard]] bool goOnBehind(int fd, const std::filesystem::path& path);
+  [[nodiscard]] bool continueBehind(int fd, const std::filesystem::path& path);
   [[nodiscard]] bool refused(const char* what) noexcept;
   void dropFromCache() noexcept;
   void takeRoom(std::uint64_t room, std::uint64_t leave_free) noexcept;
 
-  int fd_ = -1;
+  Descriptor file_;
   std::int64_t next_number_ = 0;
   std::uint64_t synced_ = 0;       // of the file on the disk for certain
   std::uint64_t cached_from_ = 0;  // the system's cache was emptied up to here

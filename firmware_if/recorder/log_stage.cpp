@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <optional>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::io {
 namespace {
 
-constexpr std::int64_t kNanosecondsPerMicrosecond = 1000;
 // An input with its ACFR twin and two gaps before it.
 constexpr std::size_t kMostInputBytes = 4096;
 constexpr std::size_t kSpareToSync = std::size_t{3} << 20;  // of the journal's memory
@@ -135,7 +136,7 @@ void LogStage::logGap(const RecordingGap& gap) {
 }
 
 void LogStage::append(std::int64_t arrival_utc_ns, const LogMessage& message, std::int64_t offered_ns) {
-  log_.append(arrival_utc_ns / kNanosecondsPerMicrosecond, message.channel, message.data);
+  log_.append(arrival_utc_ns / kMicrosecond_ns, message.channel, message.data);
   newest_utc_ns_ = arrival_utc_ns;
   if (oldest_unsafe_ns_ == 0) oldest_unsafe_ns_ = offered_ns;
 }

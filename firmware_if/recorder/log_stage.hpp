@@ -5,27 +5,27 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/recorder/image_stage.hpp"
 #include "firmware_if/recorder/input_lane.hpp"
 #include "firmware_if/recorder/journal_file.hpp"
 #include "firmware_if/recorder/raw_lane.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
-#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::io {
 
-// Inputs, decisions, raw bytes and messages on their way into the log, by arrival, each lane in its own
-// order, and from there onto the disk. While the disk refuses, they gather in the log's memory and then in
-// the lanes.
+// Moves inputs, decisions, raw bytes and messages from their lanes into the log, by arrival, each lane in its
+// own order, and syncs the log to disk. While writes or syncs fail, inputs queue in the log's memory, then
+// in the lanes; raw bytes and messages are dropped while the log is not open.
 class LogStage {
  public:
   struct Counters {
     std::uint64_t inputs = 0, decisions = 0, raw_entries = 0, messages = 0;  // written
     std::uint64_t inputs_safe = 0;
-    std::uint64_t inputs_passed = 0, decisions_passed = 0;  // safe, with those that the log says are missing
+    std::uint64_t inputs_passed = 0, decisions_passed = 0;  // safe, plus refused ones in a synced gap
     std::uint64_t syncs = 0, syncs_failed = 0;
-    std::uint64_t raw_dropped = 0;  // for want of room on the disk
+    std::uint64_t raw_dropped = 0;  // disk nearly full (`with_raw` false), or the log not open
     std::uint64_t write_failures = 0;
     std::int64_t worst_sync_ns = 0, worst_unsafe_ns = 0;
   };
@@ -33,7 +33,7 @@ class LogStage {
   // `log` may be open or not; `images` say what became of the exposures that inputs name.
   LogStage(const RecorderConfig& config, JournalFile& log, ImageStage& images);
 
-  // Each lane one producer.
+  // One producer thread per lane.
   [[nodiscard]] InputLane& inputs() noexcept { return inputs_; }
   [[nodiscard]] InputLane& decisions() noexcept { return decisions_; }
   [[nodiscard]] RawLane* raw(std::size_t lane) noexcept {
@@ -43,12 +43,12 @@ class LogStage {
 
   // The rest: the recorder's thread only.
   // Moves what waits into the log's memory until an input names an exposure that is not written yet, the
-  // memory is full, or the time is over. `with_raw` false: raw bytes and messages are dropped.
+  // memory is full, or `deadline` (monotonic [ns]) is past. `with_raw` false: drops raw bytes and messages.
   void drain(std::int64_t deadline, bool with_raw, const std::string& vehicle_name);
-  // To the system, and to the disk when it is time; nothing while the log is not open.
+  // Writes the log's memory to the file, and syncs it when due; nothing while the log is not open.
   void handOver();
-  // What was refused behind the last input and the last decision is logged as missing, and all is made
-  // durable; after the producers have ended and the lanes are empty. True when the disk has it.
+  // Logs as missing what was refused behind the last input and the last decision, and syncs all to the disk;
+  // after the producers have ended and the lanes are empty. True when the disk has it.
   [[nodiscard]] bool end();
 
   [[nodiscard]] bool waiting();
@@ -76,10 +76,10 @@ class LogStage {
   Counters counters_;
   std::uint64_t raw_missing_logged_ = 0;
   std::int64_t newest_utc_ns_ = 0;  // arrival of what was logged last
-  // When the oldest entry was offered that the disk does not hold; 0: none.
+  // Monotonic time at which the oldest entry not yet synced was offered; 0: none.
   std::int64_t oldest_unsafe_ns_ = 0;
-  bool refuses_write_ = false, refuses_sync_ = false;  // the last that there was
-  bool names_image_ = false;                           // an event that waits for the next sync names an image
+  bool refuses_write_ = false, refuses_sync_ = false;  // the latest attempt failed
+  bool names_image_ = false;                           // an unsynced event names an image: sync early
   bool blocked_ = false;  // the next input names an exposure that is not written yet
 };
 

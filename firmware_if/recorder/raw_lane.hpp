@@ -5,12 +5,12 @@
 #include <span>
 #include <string_view>
 
-#include "firmware_if/log/log_events.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
 #include "firmware_if/recorder/byte_ring.hpp"
 
 namespace fathom::io {
 
-// Raw bytes and encoded messages of one producer on their way to the log.
+// Raw bytes and encoded messages of one producer that wait for the log.
 class RawLane {
  public:
   enum class Kind : std::uint8_t { kRaw, kMessage };

@@ -7,21 +7,20 @@
 #include <mutex>
 #include <utility>
 
-#include "firmware_if/files/mission_folder.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
 #include "firmware_if/recorder/image_stage.hpp"
 #include "firmware_if/recorder/log_stage.hpp"
 #include "firmware_if/recorder/recording_folder.hpp"
 #include "firmware_if/recorder/shared_words.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::io {
 namespace {
 
-constexpr double kMiB = 1024.0 * 1024.0;
-constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
-constexpr std::int64_t kDiskLookInterval = 200 * kMillisecond;
+constexpr std::int64_t kDiskLookInterval_ns = 200 * kMillisecond_ns;
 
 }  // namespace
 
@@ -145,7 +144,7 @@ std::string Recorder::failure() const {
 }
 
 bool Recorder::Impl::work(int budget_ms) {
-  const std::int64_t deadline = clock.monotonicNs() + budget_ms * kMillisecond;
+  const std::int64_t deadline = clock.monotonicNs() + budget_ms * kMillisecond_ns;
   bool more = false;
   do {
     lookAtDisk(clock.monotonicNs());
@@ -164,12 +163,12 @@ bool Recorder::Impl::work(int budget_ms) {
 }
 
 Recorder::CloseResult Recorder::Impl::close(double most_s) {
-  constexpr std::int64_t kPause = 20 * kMillisecond, kLongestStep = 1000 * kMillisecond;
+  constexpr std::int64_t kPause = 20 * kMillisecond_ns, kLongestStep = 1000 * kMillisecond_ns;
   const std::int64_t deadline = clock.monotonicNs() + static_cast<std::int64_t>(most_s * 1e9);
   CloseResult result;
   for (;;) {
     const std::int64_t left = std::clamp(deadline - clock.monotonicNs(), std::int64_t{0}, kLongestStep);
-    result.log_whole = !work(static_cast<int>(left / kMillisecond)) && log.end();
+    result.log_whole = !work(static_cast<int>(left / kMillisecond_ns)) && log.end();
     if (result.log_whole || clock.monotonicNs() >= deadline) break;
     if (!log.refuses()) continue;
     folder.hurry();
@@ -198,7 +197,8 @@ Recorder::CloseResult Recorder::Impl::close(double most_s) {
   return result;
 }
 
-// An operator's mistake that was not seen before, because the disk did not answer, ends nothing any more.
+// An operator's mistake that the constructor could not find, because the disk did not answer, does not end
+// the run.
 void Recorder::Impl::openFolder() {
   if (folder.isOpen()) return;
   try {
@@ -256,7 +256,7 @@ void Recorder::Impl::publish(State when_well) {
 
 void Recorder::Impl::lookAtDisk(std::int64_t now) {
   if (now < next_disk_look_ns) return;
-  next_disk_look_ns = now + kDiskLookInterval;
+  next_disk_look_ns = now + kDiskLookInterval_ns;
   const double free = static_cast<double>(freeBytes(paths.root)) / kMiB;
   guard.update(free);
   free_mib.store(free, std::memory_order_relaxed);

@@ -8,9 +8,9 @@
 #include <string>
 #include <string_view>
 
-#include "firmware_if/camera/camera_source.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
@@ -21,14 +21,14 @@ namespace fathom::io {
 // valuable: images first, then raw bytes and messages, inputs last; everything is counted, and the log says
 // in its place what it misses (RecordingGap).
 //
-// Whatever the disk does, nothing here fails: what cannot be opened is tried again by work(), after 1 s and
-// then at growing intervals up to 30 s. Until the log is open, images are given back at once
-// (`images_dropped_disk`), raw bytes and messages are dropped, and inputs wait in their queue; those that
-// find no room there are refused, and the log says how many when it opens. state() and failure() tell.
+// A failing disk never makes a call here fail: work() tries again to open folder and log, after 1 s and then
+// at growing intervals up to 30 s. Until the log is open, images are given back at once
+// (`images_dropped_disk`), raw bytes and messages are dropped, and inputs wait in their queue; inputs that
+// find no room there are refused, and the log says how many when it opens. state() and failure() report it.
 //
 // The log holds the inputs exactly in the order in which they were offered. An exposure's event is logged
 // when its file is on the disk, whole and under its name; therefore a camera's thread offers the image BEFORE
-// it hands the frame to whoever offers the input (an ImageEvent with the frame's utc_ns and its
+// it hands the frame to the thread that offers the input (an ImageEvent with the frame's utc_ns and its
 // imageFileName()).
 //
 // An input's position in the log is the number of inputs that were offered before it, over all runs of the
@@ -75,18 +75,18 @@ class Recorder {
   using ViewOf = std::function<ImageView(const CameraFrame&)>;
   using Release = std::function<void(const CameraFrame&)>;
 
-  // Makes the folder, mission.toml and stereo.calib where they are not there. Where an earlier run recorded,
-  // recording goes on behind its last whole entry. Throws InputError for what is an operator's mistake and
-  // not the disk's: a folder that holds other things or another dive, a sensors.lcmlog that is no LCM log.
-  // Takes as long as a disk that does not answer at all lets each call of the system take.
+  // Makes the folder, mission.toml and stereo.calib where they are absent; continues behind the last whole
+  // entry of an earlier run. Throws InputError for an operator's mistake, never for the disk: a folder that
+  // holds other things or another dive, a sensors.lcmlog that is no LCM log. Blocks as long as a disk that
+  // does not answer blocks its calls of the system.
   Recorder(const std::filesystem::path& folder, const MissionConfig& mission, const StereoRig& rig,
            const RecorderConfig& config, ViewOf view_of, Release release);
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  // Of the first input that this run offers: how many the log of earlier runs has, with those that it says
-  // are missing. Before the first offerInput() and the first work().
+  // Position of the first input of this run: the number of inputs in the log of earlier runs, those that it
+  // says are missing included. Before the first offerInput() and the first work().
   void setFirstPosition(std::uint64_t position) noexcept;
 
   // Each of these from one thread of its own; false and counted when the queue is full.
@@ -104,12 +104,12 @@ class Recorder {
 
   // Writes what waits, for at most about `budget_ms` (one image is not interrupted), and syncs when it is
   // time; true when more waits. Only on the recorder's thread, at least every 100 ms. Never throws for the
-  // disk's sake.
+  // disk.
   bool work(int budget_ms);
-  // Writes everything that was offered, makes it durable, and derives RAW.auv, all within about `most_s`: a
-  // disk that refuses is asked until then, and given up. Longer only by one call of the system, which nothing
-  // can interrupt when the disk does not answer. After the producers have ended, on the recorder's thread or
-  // after it has ended. Never throws for the disk's sake.
+  // Writes everything that was offered, syncs it to the disk, and derives RAW.auv, all within about `most_s`;
+  // a disk that refuses is asked until then. It takes longer only by one call of the system, which cannot be
+  // interrupted. After the producers have ended, on the recorder's thread or after it has ended. Never throws
+  // for the disk.
   [[nodiscard]] CloseResult close(double most_s);
 
   // From any thread.

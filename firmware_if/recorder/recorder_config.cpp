@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "firmware_if/recorder/raw_tiff.hpp"
+#include "firmware_if/recorder/image_writer.hpp"
 
 namespace fathom::io {
 namespace {
@@ -13,8 +13,6 @@ namespace {
 // Inputs with their ACFR twins and raw bytes: measured 124 MiB an hour with 100 inputs, 200 CAN frames and 5
 // PD0 ensembles a second (fathom-report recorder), and some more for health and map messages.
 constexpr double kLogBytesPerHour = 160.0 * 1024 * 1024;
-constexpr double kMiB = 1024.0 * 1024.0;
-constexpr double kGiB = 1024.0 * kMiB;
 constexpr double kSecondsPerHour = 3600;
 
 std::size_t imageBytes(const Camera& camera, PixelFormat format, int bits) {

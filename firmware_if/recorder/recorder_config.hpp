@@ -5,14 +5,16 @@
 #include <filesystem>
 #include <string>
 
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/config_table.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/config_table.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::io {
 
+inline constexpr double kMiB = 1024.0 * 1024.0, kGiB = 1024.0 * kMiB;  // [bytes]
+
 struct RecorderConfig {
-  double sync_interval_s = 0.5;     // the disk is made to hold everything this often
+  double sync_interval_s = 0.5;     // everything is synced to the disk this often
   double planned_hours = 5;         // of recording still to come; the log's room is taken beforehand
   double image_reserve_mib = 2048;  // below this much free disk no more images are written
   double log_reserve_mib = 64;      // below this much raw bytes and messages stop too; inputs never stop

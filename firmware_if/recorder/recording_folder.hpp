@@ -4,17 +4,25 @@
 #include <filesystem>
 #include <string>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/recorder/found_recording.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/recorder/journal_file.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::io {
 
-// The mission folder that a recorder writes into: prepared, the log in it opened, and what an earlier run
-// left looked at. A disk that refuses is asked again after 1 s, then after twice as long each time, up to 30
-// s.
+// What an earlier run left in img/ besides the images that its log names.
+struct FoundImages {
+  std::uint64_t without_event = 0;  // whole, newer than the log's last events; kept
+  std::uint64_t halves_removed = 0;
+};
+
+// Compares the newest images with the end of the log, after the log was cut behind its last whole entry;
+// removes unfinished ones ("*.tmp"). The log's older part is not read.
+[[nodiscard]] FoundImages findImages(const MissionPaths& paths);
+
+// The mission folder that a recorder writes into: prepared, its log opened, the remains of an earlier run
+// counted. A disk that refuses is asked again after 1 s, then after twice as long each time, up to 30 s.
 class RecordingFolder {
  public:
   // Takes the log's memory and touches no disk.

@@ -1,15 +1,65 @@
 // fathom-onboard: the vehicle's program. Maps while it dives, or replays what was recorded.
 #include <CLI/CLI.hpp>
+#include <cstdio>
 #include <filesystem>
+#include <memory>
 #include <string>
 
-#include "realtime/kernel/command_line.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/device_address.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/version.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
-#include "realtime/kernel/version.hpp"
 #include "realtime/onboard/live/live_run.hpp"
 #include "realtime/onboard/mapper/mapper_program.hpp"
-#include "realtime/onboard/replay_command.hpp"
+#include "realtime/onboard/replay.hpp"
+
+namespace fathom::onboard {
+namespace {
+
+// Options and execution of `fathom-onboard --replay MISSION`.
+class ReplayCommand {
+ public:
+  // `replay`: the option --replay, which the others need.
+  void addOptions(CLI::App& app, CLI::Option* replay);
+  // Returns the exit code; throws InputError.
+  int run(const std::string& mission, const std::string& config);
+
+ private:
+  std::string out_, modem_, downlink_;
+  ReplayOptions options_;
+};
+
+void ReplayCommand::addOptions(CLI::App& app, CLI::Option* replay) {
+  app.add_option("--out", out_, "Folder to write; default: MISSION/onboard")->needs(replay);
+  app.add_option("--modem", modem_, "Send and receive frames: udp:HOST:PORT or serial:DEVICE:BAUD")
+      ->needs(replay);
+  app.add_option("--downlink", downlink_, "Receive these frames instead: downlink.bin of an earlier run");
+  app.add_option("--speed", options_.link.speed,
+                 "With --modem: mission seconds a second; 0: as fast as it goes")
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_option("--drain", options_.drain_s,
+                 "Continue sending after the last sample, at most so many mission seconds")
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_flag("--no-slam", options_.no_slam, "Dead reckoning only: no visual odometry, no loop closures");
+}
+
+int ReplayCommand::run(const std::string& mission, const std::string& config) {
+  options_.mission = mission;
+  if (!config.empty()) options_.config = config;
+  if (!out_.empty()) options_.out = out_;
+  const auto port = modem_.empty() ? nullptr : io::openFramePort(modem_, "--modem " + modem_);
+  if (port && !port->isOpen()) throw InputError("--modem " + modem_, "", std::string(port->reason()));
+  options_.link.modem = port.get();
+  if (!downlink_.empty()) options_.link.downlink = downlink_;
+  const ReplaySummary summary = replay(options_);
+  if (!summary.warning.empty()) std::fprintf(stderr, "warning: %s\n", summary.warning.c_str());
+  std::printf("%s\n", describe(summary).c_str());
+  return kExitSuccess;
+}
+
+}  // namespace
+}  // namespace fathom::onboard
 
 int main(int argc, char** argv) {
   using namespace fathom;

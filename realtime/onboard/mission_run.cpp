@@ -6,18 +6,14 @@
 #include <opencv2/core/utility.hpp>
 #include <utility>
 
-#include "realtime/kernel/seconds.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr double kNanoseconds = 1e9;  // in a second
 using Clock = std::chrono::steady_clock;
+using rt::milliseconds;
 using rt::secondsSince;
-
-double milliseconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-6;
-}
 
 nlohmann::ordered_json reportOf(const RunSummary& summary, std::uint64_t damaged_entries,
                                 const OnboardSystem& system, const io::MissionConfig& mission) {
@@ -93,7 +89,8 @@ void MissionRun::notePlaced(const OnboardSystem::MappedPair& pair) {
 void MissionRun::consumeMark(const io::Mark& mark) {
   if (mark.kind == io::Mark::Kind::kEnd) ended_ = true;
   if (mark.kind == io::Mark::Kind::kMapperLost) link_silent_ = true;
-  if (mark.kind == io::Mark::Kind::kSent) system_.noteSent(static_cast<telemetry::Version>(mark.number), now_ns_);
+  if (mark.kind == io::Mark::Kind::kSent)
+    system_.noteSent(static_cast<telemetry::Version>(mark.number), now_ns_);
   if (mark.kind == io::Mark::Kind::kRestart) {
     link_silent_ = false;
     system_.noteRestart();
@@ -132,11 +129,12 @@ void MissionRun::writeRows(std::int64_t now_ns) {
     const auto pose = newest > last_odometry_ns_ ? odometry.poseAt(newest) : std::nullopt;
     if (pose) output_.addOdometry(newest, *pose);
     last_odometry_ns_ = std::max(last_odometry_ns_, newest);
-    next_odometry_ns_ = now_ns + static_cast<std::int64_t>(setup_.config.odometry_interval * kNanoseconds);
+    next_odometry_ns_ =
+        now_ns + static_cast<std::int64_t>(setup_.config.odometry_interval * kNanosecondsPerSecond);
   }
   if (now_ns < next_health_ns_) return;
   output_.addHealth(now_ns, system_.health());
-  next_health_ns_ = now_ns + static_cast<std::int64_t>(setup_.config.health_interval * kNanoseconds);
+  next_health_ns_ = now_ns + static_cast<std::int64_t>(setup_.config.health_interval * kNanosecondsPerSecond);
 }
 
 void MissionRun::finish(double drain_s) {
@@ -144,7 +142,7 @@ void MissionRun::finish(double drain_s) {
   system_.finish(now_ns_, [this](const auto& pair) { notePlaced(pair); });
   finish_s_ = secondsSince(before);
   constexpr std::int64_t kDrainStep = 100'000'000;  // [ns]
-  const std::int64_t drain_end = now_ns_ + static_cast<std::int64_t>(drain_s * kNanoseconds);
+  const std::int64_t drain_end = now_ns_ + static_cast<std::int64_t>(drain_s * kNanosecondsPerSecond);
   for (std::int64_t now = now_ns_; now <= drain_end; now += kDrainStep) {
     link_.exchange(system_, now, true);
     if (system_.link().drained()) break;
@@ -153,7 +151,7 @@ void MissionRun::finish(double drain_s) {
 
 RunSummary MissionRun::summary() const {
   RunSummary s = summary_;
-  s.mission_s = static_cast<double>(now_ns_ - first_ns_) / kNanoseconds;
+  s.mission_s = static_cast<double>(now_ns_ - first_ns_) / kNanosecondsPerSecond;
   s.frames = link_.counters().sent;
   s.frame_bytes = link_.counters().sent_bytes;
   s.frames_received = link_.counters().received;

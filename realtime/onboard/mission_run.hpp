@@ -6,7 +6,7 @@
 #include <map>
 #include <string>
 
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "realtime/onboard/modem/frame_exchange.hpp"
 #include "realtime/onboard/onboard_output.hpp"
 #include "realtime/onboard/onboard_system.hpp"
@@ -14,7 +14,7 @@
 
 namespace fathom::onboard {
 
-// What a run made, for a person.
+// Results of a run, for the operator.
 struct RunSummary {
   std::uint64_t samples = 0, pairs = 0, pairs_used = 0, unreadable_images = 0;
   std::uint64_t frames = 0, frame_bytes = 0;  // sent
@@ -22,12 +22,11 @@ struct RunSummary {
   double mapped_area = 0;       // [m2]
   double mission_s = 0;         // from first to last input
   double stereo_and_map_s = 0;  // wall clock in the cores, images read apart
-  std::string warning;          // for people; empty: none
+  std::string warning;          // for the operator; empty: none
 };
 
-// The soft tier's work, live and in replay alike: inputs in their order go through the system, and what comes
-// out goes into onboard/ and to the modem. What it writes depends on the inputs alone; only timing.json does
-// not.
+// The soft tier's work, live and in replay alike: feeds the inputs to the system in order, and its results to
+// onboard/ and the modem. What it writes depends on the inputs alone, except timing.json.
 class MissionRun {
  public:
   struct Setup {
@@ -43,24 +42,25 @@ class MissionRun {
   MissionRun(const MissionRun&) = delete;
   MissionRun& operator=(const MissionRun&) = delete;
 
-  // Decisions are for the caller (setPairPolicy) and pass through without effect. At the mark of a checkpoint
-  // the slots begin to remember what they hold.
+  // Decisions are for the caller (setPairPolicy) and are ignored here. At the mark of a checkpoint the slots
+  // begin to keep their content.
   void consume(const io::OnboardInput& input);
-  // No more inputs: final poses and map; then the link goes on sending, at most so long.
+  // No more inputs: makes the final poses and map; then the link continues to send, for `drain_s` [s] at
+  // most.
   void finish(double drain_s);
-  // Everything into the output, which is the caller's to commit. False when no pair gave a map.
+  // Writes all results into the output, which the caller commits. False when no pair gave a map.
   [[nodiscard]] bool write(std::uint64_t damaged_entries, double wall_s);
 
-  // Saved state, that of the output with it. Into a run of the same mission and configuration, just made; one
-  // whose load() failed is of no use.
-  // Before save(): false while the output is not on the disk as far as it is known (OnboardOutput).
+  // Saved state, including the output's. load() needs a new run of the same mission and configuration, which
+  // is unusable if it fails. readyToSave(): false while the output is not completely on the disk
+  // (OnboardOutput).
   [[nodiscard]] bool readyToSave() { return output_.readyToSave(); }
   void save(rt::StateWriter& writer);
-  // Before load(): the slots hold what they held at that checkpoint's mark; see SlotStore.
+  // Before load(): restores the slots to that checkpoint's mark; see SlotStore.
   [[nodiscard]] bool rollBackSlots(std::uint64_t checkpoint);
   void forgetSlots(std::uint64_t before_checkpoint);
   [[nodiscard]] bool load(rt::StateReader& reader);
-  // After load(): false where a power loss left slots of another time than the state's.
+  // After load(): false if a power loss left slots of another time than the state.
   [[nodiscard]] bool slotsHold();
   // Consumed so far, marks too.
   [[nodiscard]] std::uint64_t inputs() const { return inputs_; }
@@ -71,7 +71,7 @@ class MissionRun {
   // Called when a stage of a pair's work ends, with its name, for every pair seen, and for every pair placed.
   void setObservers(std::function<void(const char* stage)> on_stage, OnboardSystem::OnPair on_seen,
                     OnboardSystem::OnPair on_pair);
-  // An end mark came: this is all there was.
+  // The end mark was consumed.
   [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] std::int64_t nowNs() const { return now_ns_; }
 
@@ -105,5 +105,19 @@ class MissionRun {
   std::int64_t next_odometry_ns_ = 0, next_health_ns_ = 0, last_odometry_ns_ = 0;
   double finish_s_ = 0;
 };
+
+// What a level of degradation leaves of a pair's work. Each level takes away what the one before it does, and
+// more:
+//   1  half of the stereo points;  2  no loop closures now;  3  a quarter of the points (so coarser cells)
+//   and of the meshes fused again;  4  the pair is dropped.
+[[nodiscard]] inline OnboardSystem::PairQuota pairQuota(const io::Decision& decision) {
+  OnboardSystem::PairQuota quota;
+  quota.level = decision.level;
+  quota.drop = decision.dropped;
+  if (decision.level >= 1) quota.feature_share = 0.5;
+  if (decision.level >= 2) quota.closures = false;
+  if (decision.level >= 3) quota.feature_share = quota.rebuild_share = 0.25;
+  return quota;
+}
 
 }  // namespace fathom::onboard

@@ -5,10 +5,10 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "realtime/kernel/config_table.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/slam/navigation_config.hpp"
-#include "recon/stereo/stereo_config.hpp"
+#include "realtime/base/config_table.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/navigation/graph/navigation_config.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/live/live_config.hpp"
 #include "realtime/onboard/map/map_core.hpp"
@@ -22,18 +22,18 @@ struct OnboardConfig {
   LinkCoreConfig link;
   LocalisationConfig localisation;
   int max_pairs = 36000;              // stereo pairs whose meshes are kept: five hours at 2 Hz
-  int rebuild_meshes = 6;             // fused anew a pair when keyframes have moved
+  int rebuild_meshes = 6;             // fused again per pair when keyframes have moved
   std::filesystem::path slot_folder;  // of the slot files; empty: beside the output
   double drift_share = 0.01;    // of the distance travelled: growth of the position's standard deviation
   double max_pair_skew = 0.02;  // between the exposures of a stereo pair [s]
-  nav::DeadReckoningConfig reckoning;  // what it believes of DVL and compass; the rest is the mission's
-  double odometry_interval = 0.1;      // between rows of odometry.csv [s]
-  double health_interval = 1.0;        // between rows of health.csv [s]
+  nav::DeadReckoningConfig reckoning;          // gates of DVL and compass; the rest is the mission's
+  double odometry_interval = 0.1;              // between rows of odometry.csv [s]
+  double health_interval = 1.0;                // between rows of health.csv [s]
   std::optional<telemetry::LinkKey> link_key;  // of link.key_file; absent: requests are refused
-  LiveConfig live;                                     // devices, recorder, real time, memory
-  std::string warning;                                 // about the key file, or ""
-  std::string text;                                    // of the file, verbatim
-  std::optional<Eigen::Matrix3d> colours;              // of the left camera: not the file's, by the caller
+  LiveConfig live;                             // devices, recorder, real time, memory
+  std::string warning;                         // about the key file, or ""
+  std::string text;                            // of the file, verbatim
+  std::optional<Eigen::Matrix3d> colours;      // of the left camera: not the file's, by the caller
 };
 
 // Without a path: the defaults. Throws InputError for an unknown key or a value out of range.

@@ -4,6 +4,59 @@
 
 namespace fathom::onboard {
 
+namespace {
+
+using HealthRow = std::vector<std::pair<std::string, double>>;
+
+void addLink(const telemetry::LinkScheduler::Counters& l, HealthRow& row) {
+  const auto add = [&](const char* name, auto value) {
+    row.emplace_back(std::string("link_") + name, static_cast<double>(value));
+  };
+  add("frames", l.frames);
+  add("bytes", l.bytes);
+  add("map_frames", l.map_frames);
+  add("repair_frames", l.repair_frames);
+  add("turns", l.turns);
+  add("acknowledgements", l.acknowledgements);
+  add("requests", l.requests);
+  add("requests_refused", l.requests_refused);
+  add("frames_arrived", l.frames_arrived);
+  add("frames_lost", l.frames_lost);
+  add("loss", l.loss);
+  add("blocks_sent", l.blocks.sent);
+  add("blocks_resent", l.blocks.resent);
+  add("blocks_updated", l.blocks.updated);
+  add("blocks_waiting", l.blocks_waiting);
+  add("blocks_in_flight", l.blocks_in_flight);
+  add("blocks_evicted", l.blocks.evicted);
+  add("blocks_unsendable", l.blocks.unsendable);
+  add("rate_bps", l.rate_bps);
+  add("periods_stretched", l.periods_stretched);
+}
+
+void addClosureSearch(const OnlineClosureSearch::Counters& s, HealthRow& row) {
+  const auto add = [&](const std::string& name, auto value) {
+    row.emplace_back("slam_" + name, static_cast<double>(value));
+  };
+  add("predictions", s.predictions);
+  add("candidates", s.proposed);
+  add("candidates_stale", s.stale);
+  add("candidates_dropped", s.dropped);
+  add("candidates_waiting", s.waiting);
+  add("registrations", s.registrations);
+  add("registrations_accepted", s.accepted);
+  for (std::size_t k = 1; k < closure::kRefusals; ++k) {
+    std::string name(closure::nameOf(static_cast<closure::Refusal>(k)));
+    std::replace(name.begin(), name.end(), ' ', '_');
+    add("refused_" + name, s.refused[k]);
+  }
+  add("closures_unconfirmed", s.unconfirmed_now);
+  add("closures_given_up", s.unconfirmed);
+  add("closures_confirmed", s.confirmed);
+}
+
+}  // namespace
+
 void OnboardSystem::addDownlink(std::vector<std::pair<std::string, double>>& row) const {
   const telemetry::DownlinkReceiver::Counters& c = downlink_.counters();
   const auto add = [&](std::string name, std::uint64_t value) {
@@ -39,7 +92,7 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("odometry_renewed", c.odometry_renewed);
   add("steps_contradicted", g.steps_contradicted);
   add("steps_left_out", g.steps_left_out);
-  add("dvl_lies", g.dvl_lies);
+  add("dvl_lies", g.dvl_rejected);
   const slam::DvlCalibration& dvl = localisation->graph().dvl();
   add("dvl_scale", dvl.scale());
   add("dvl_heading_rad", dvl.heading());
@@ -64,25 +117,10 @@ void OnboardSystem::addLocalisation(std::vector<std::pair<std::string, double>>&
   add("fixes_refused", g.fixes_refused);
   add("fixes_dropped", c.fixes_dropped);
   add("fixes_waiting", c.fixes_waiting);
-  const ClosureSearch::Counters s = localisation->closures().counters();
-  add("predictions", s.predictions);
-  add("candidates", s.proposed);
-  add("candidates_stale", s.stale);
-  add("candidates_dropped", s.dropped);
-  add("candidates_waiting", s.waiting);
-  add("registrations", s.registrations);
-  add("registrations_accepted", s.accepted);
-  for (std::size_t k = 1; k < closure::kRefusals; ++k) {
-    std::string name(closure::nameOf(static_cast<closure::Refusal>(k)));
-    std::replace(name.begin(), name.end(), ' ', '_');
-    add("refused_" + name, s.refused[k]);
-  }
-  add("closures_unconfirmed", s.unconfirmed_now);
-  add("closures_given_up", s.unconfirmed);
-  add("closures_confirmed", s.confirmed);
+  addClosureSearch(localisation->closures().counters(), row);
   const KeyframeFeatures::Counters& f = localisation->features().counters();
   add("slots_stored", f.stored);
-  add("slots_given_way", f.given_way);
+  add("slots_given_way", f.evicted);
   add("slot_write_failures", f.write_failures);
   add("slot_read_failures", f.read_failures);
   const MovingMap::Counters m = map_.movingMap().counters();
@@ -162,27 +200,7 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("map_coarsened", q.coarsened);
   add("map_refused", q.refused);
   addLocalisation(row);
-  const telemetry::LinkScheduler::Counters l = link_.counters();
-  add("link_frames", l.frames);
-  add("link_bytes", l.bytes);
-  add("link_map_frames", l.map_frames);
-  add("link_repair_frames", l.repair_frames);
-  add("link_turns", l.turns);
-  add("link_acknowledgements", l.acknowledgements);
-  add("link_requests", l.requests);
-  add("link_requests_refused", l.requests_refused);
-  add("link_frames_arrived", l.frames_arrived);
-  add("link_frames_lost", l.frames_lost);
-  add("link_loss", l.loss);
-  add("link_blocks_sent", l.blocks.sent);
-  add("link_blocks_resent", l.blocks.resent);
-  add("link_blocks_updated", l.blocks.updated);
-  add("link_blocks_waiting", l.blocks_waiting);
-  add("link_blocks_in_flight", l.blocks_in_flight);
-  add("link_blocks_evicted", l.blocks.evicted);
-  add("link_blocks_unsendable", l.blocks.unsendable);
-  add("link_rate_bps", l.rate_bps);
-  add("link_periods_stretched", l.periods_stretched);
+  addLink(link_.counters(), row);
   addDownlink(row);
   return row;
 }

@@ -12,8 +12,9 @@
 #include <string_view>
 #include <utility>
 
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "recon/geometry/state_values.hpp"
 #include "telemetry/wire/packet_log.hpp"
 
@@ -98,7 +99,6 @@ void OnboardOutput::addStereoPose(const MapOutput& output, const std::string& le
 }
 
 void OnboardOutput::readPairs() {
-  constexpr double kNanoseconds = 1e9;  // in a second
   poses_.poses.clear();
   outputs_.clear();
   const std::vector<std::uint8_t> all = pairs_.read();
@@ -116,7 +116,7 @@ void OnboardOutput::readPairs() {
       return;
     }
     pose.id = static_cast<int>(output.pair_index);
-    pose.utc_s = static_cast<double>(output.utc_ns) / kNanoseconds;
+    pose.utc_s = static_cast<double>(output.utc_ns) / kNanosecondsPerSecond;
     pose.T_nav_cam = output.T_nav_cam;
     pose.footprint_radius = output.footprint_radius;
     poses_.poses.push_back(std::move(pose));

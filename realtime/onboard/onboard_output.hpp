@@ -9,27 +9,26 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
+#include "realtime/base/files/output_folder.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/output/growing_file.hpp"
 #include "realtime/onboard/output/row_stream.hpp"
-#include "recon/geometry/output_folder.hpp"
 
 namespace fathom::onboard {
 
 // The folder onboard/ of a mission: it appears whole, and on the disk, in commit(). Without commit() nothing
-// of it stays, unless it is made to outlive its program. What comes row by row goes to files, so that memory
-// does not grow with the mission.
+// of it stays, unless it is made to outlive its program. Rows go to files as they come, so that memory does
+// not grow with the mission.
 //
 // A disk that refuses throws in the constructor and in commit(), nowhere else. Until then rows wait in a
 // buffer (GrowingFile) and are written when the disk takes them; once a buffer is full rows are lost, and
-// lost() says so. Used by one thread.
+// lost() is true. Used by one thread.
 class OnboardOutput {
  public:
   // Throws InputError for a folder that holds anything but an earlier replay, std::runtime_error where
-  // nothing can be written. `planned_hours`: room on the disk is taken for the rows of so long, which a disk
-  // that others fill later cannot take away.
+  // nothing can be written. `planned_hours`: disk space for the rows of so many hours is reserved.
   OnboardOutput(const std::filesystem::path& folder, const Geodetic& origin,
                 const OutputFolder::Life& life = OutputFolder::Life(), double planned_hours = 0);
   OnboardOutput(const OnboardOutput&) = delete;
@@ -41,9 +40,9 @@ class OnboardOutput {
   void addOdometry(std::int64_t utc_ns, const SE3& T_odom_body);
   void addStereoPose(const MapOutput& output, const std::string& left, const std::string& right,
                      double altitude);
-  // A keyframe is gone: pairs that hang on it hang on another.
+  // A keyframe has retired: its pairs are anchored to another.
   void addRetired(const slam::NavigationGraph::Retired& gone);
-  // The survey is over: replaces the poses by what is known of them now.
+  // The survey is over: replaces the poses by the final ones.
   void placeStereoPoses(const std::function<SE3(const MapOutput&)>& T_nav_cam);
   // After that: loop closures, named by the left images of their keyframes; chi2 against the poses now.
   void writeClosures(const LocalisationCore& localisation);
@@ -59,21 +58,22 @@ class OnboardOutput {
   // refuses.
   void commit();
 
-  // Rows are missing: the folder becomes whole only by load() of earlier state, or by a replay.
+  // Rows are missing: only load() of an earlier state, or a replay, makes the folder complete.
   [[nodiscard]] bool lost() const;
-  // Tries it: writes what waits, or a block of nothing; waits for the disk.
+  // Tests the disk: writes waiting rows, or an empty block; waits for the disk.
   [[nodiscard]] bool diskTakesData();
-  // After writing: pairs' rows were read that are none, as after a disk that lost what it had taken.
+  // After writing: invalid rows of pairs were read, as after a disk that lost data.
   [[nodiscard]] bool rowsDamaged() const { return rows_damaged_; }
   // The file that the disk refuses, or of which rows are missing, and why; "" when well.
   [[nodiscard]] std::string failure() const;
 
-  // Saved state is how long the files are; load() cuts them back to that. readyToSave() writes what waits;
-  // false while the disk refuses or rows are missing: what is saved then is good for this program only.
+  // Saved state is the length of the files, to which load() truncates them. readyToSave() writes waiting
+  // rows; false while the disk refuses or rows are missing: a state saved then is valid for this process
+  // only.
   [[nodiscard]] bool readyToSave();
   void save(rt::StateWriter& writer);
   [[nodiscard]] bool load(rt::StateReader& reader);
-  // That saved state relies on: to be on the disk before it.
+  // Files that must be on the disk before a saved state that refers to them.
   [[nodiscard]] std::vector<std::filesystem::path> files() const;
 
  private:
@@ -83,7 +83,7 @@ class OnboardOutput {
   [[nodiscard]] bool probe() const;
   void writeClosuresFile(const LocalisationCore& localisation);
   void readPairs();
-  // Where what hung on a keyframe that is gone hangs in the end.
+  // Final successor of each retired keyframe.
   [[nodiscard]] std::map<int, slam::NavigationGraph::Retired> readRetired();
 
   OutputFolder folder_;

@@ -1,4 +1,4 @@
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/onboard/mission_run.hpp"
 #include "realtime/onboard/onboard_system.hpp"
 #include "recon/geometry/state_values.hpp"
@@ -9,11 +9,12 @@ namespace fathom::onboard {
 template <typename Archive, typename Self>
 void OnboardSystem::exchange(Archive& archive, Self& self) {
   for (auto& name : self.image_names_) archive(name.frame, name.text, name.exposure_s);
-  archive(self.last_pose_, self.distance_, self.program_health_, self.slipped_cycles_, self.shed_pairs_,
+  archive(self.last_pose_, self.distance_, self.program_health_, self.skipped_cycles_, self.shed_pairs_,
           self.pairs_at_level_, self.unreadable_images_, self.fixes_without_odometry_);
   archive(self.early_fixes_, self.odometry_began_);
   archive.instants(self.last_pair_ns_, self.last_tick_ns_, self.odometry_began_ns_);
-  archive(self.last_points_, self.survey_over_, self.told_progress_, self.waiting_, self.last_correction_);
+  archive(self.last_points_, self.survey_over_, self.reported_progress_, self.waiting_,
+          self.last_correction_);
   bool battery = self.battery_.has_value();
   archive(battery);
   if constexpr (Archive::kLoading) {

@@ -2,19 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <type_traits>
+
+#include "realtime/base/units.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr double kNanoseconds = 1e9;      // in a second
 constexpr double kLostAfter = 3.0;        // a sensor silent for longer is reported as lost [s]
-constexpr double kBatteryOldAfter = 120;  // a charge told longer ago is not known any more [s]
+constexpr double kBatteryOldAfter = 120;  // a charge reported longer ago counts as unknown [s]
 constexpr double kNoPairsAfter =
     10.0;  // without a stereo pair for longer the cameras are reported as lost [s]
-constexpr double kDegree = std::numbers::pi / 180;
 // Of a fix that does not say: wide for a ship's USBL in shallow water [m].
 constexpr double kUnstatedFixSigma = 5.0;
 // The clocks of ship and vehicle may differ by so much at the start of the dive.
@@ -63,7 +62,7 @@ void OnboardSystem::consume(std::int64_t arrival_utc_ns, const SensorSample& sam
         else if constexpr (std::is_same_v<T, BatterySample>)
           battery_ = s;
         else if constexpr (std::is_same_v<T, MissionProgressSample>)
-          told_progress_ = s.fraction;
+          reported_progress_ = s.fraction;
         else if constexpr (std::is_same_v<T, ImageEvent>)
           addImage(s, arrival_utc_ns);
         else
@@ -103,7 +102,7 @@ void OnboardSystem::place(const Fix& fix, const SE3& T_odom_body, double unlocke
 }
 
 void OnboardSystem::placeEarly(const Fix& fix) {
-  place(fix, odometry_began_, static_cast<double>(fix.utc_ns - odometry_began_ns_) / kNanoseconds);
+  place(fix, odometry_began_, static_cast<double>(fix.utc_ns - odometry_began_ns_) / kNanosecondsPerSecond);
 }
 
 void OnboardSystem::placeEarlyFixes() {
@@ -209,8 +208,8 @@ void OnboardSystem::placePairs(std::uint32_t up_to, const StereoTrigger* last, c
   while (!waiting_.empty() && waiting_.front().trigger.pair_index <= up_to) {
     const WaitingPair waiting = waiting_.front();
     waiting_.popFront();
-    const bool told = last != nullptr && last->pair_index == waiting.trigger.pair_index;
-    const StereoTrigger& known = told ? *last : waiting.trigger;
+    const bool final_known = last != nullptr && last->pair_index == waiting.trigger.pair_index;
+    const StereoTrigger& known = final_known ? *last : waiting.trigger;
     if (on_placing_) on_placing_(waiting.trigger.pair_index);
     last_correction_ = (known.T_odom_body.translation() - waiting.trigger.T_odom_body.translation()).norm();
     MappedPair pair;
@@ -222,23 +221,23 @@ void OnboardSystem::placePairs(std::uint32_t up_to, const StereoTrigger* last, c
 }
 
 void OnboardSystem::receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
-  const telemetry::DownlinkReceiver::Result heard =
+  const telemetry::DownlinkReceiver::Result received =
       downlink_.accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
         return link_.sentLately(a, now_ns, telemetry::DownlinkReceiver::kFresh_s);
       });
-  const telemetry::DownlinkContent& content = heard.content;
-  if (heard.verdict == telemetry::DownlinkVerdict::kAccepted ||
-      heard.verdict == telemetry::DownlinkVerdict::kNoKey)
-    link_.heard(now_ns);
+  const telemetry::DownlinkContent& content = received.content;
+  if (received.verdict == telemetry::DownlinkVerdict::kAccepted ||
+      received.verdict == telemetry::DownlinkVerdict::kNoKey)
+    link_.noteReceived(now_ns);
   if (content.acknowledgement)
     link_.acknowledge(*content.acknowledgement, now_ns,
                       [this](const fusion::TileKey& square) { map_.noteSent(square); });
-  if (content.request) link_.request(*content.request, now_ns, heard.counter);
+  if (content.request) link_.request(*content.request, now_ns, received.counter);
   // The poses are final when the survey is over.
   if (content.fix && !survey_over_) {
     const double sigma = std::isnan(content.fix->sigma) ? kUnstatedFixSigma : content.fix->sigma;
-    addFix(nav::FixKind::kUsbl, content.fix->utc_ns, content.fix->latitude * kDegree,
-           content.fix->longitude * kDegree, sigma);
+    addFix(nav::FixKind::kUsbl, content.fix->utc_ns, content.fix->latitude * kRadiansPerDegree,
+           content.fix->longitude * kRadiansPerDegree, sigma);
   }
 }
 
@@ -288,19 +287,19 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
           map_.positionSigma(status.utc_ns, *T_odom_body, odometry.qualityAt(status.utc_ns))
               .value_or(status.position_sigma);
   }
-  const bool battery_told = battery_ && (now_ns - battery_->utc_ns) / kNanoseconds < kBatteryOldAfter;
-  if (battery_told && battery_->charge) status.battery = *battery_->charge;
+  const bool has_battery = battery_ && (now_ns - battery_->utc_ns) / kNanosecondsPerSecond < kBatteryOldAfter;
+  if (has_battery && battery_->charge) status.battery = *battery_->charge;
   const MapCore::Counters& counters = map_.counters();
   status.pairs_seen = static_cast<std::uint32_t>(counters.pairs + unreadable_images_ + shed_pairs_);
   status.pairs_dropped = static_cast<std::uint32_t>(unreadable_images_ + shed_pairs_ + counters.bad_images +
                                                     counters.pairs_without_points);
   // What the vehicle's own control says counts before what the plan lets guess.
-  status.slipped_cycles = slipped_cycles_;
+  status.late_cycles = skipped_cycles_;
   // Pairs that cost less than a whole one, or were dropped.
   status.shed_work = static_cast<std::uint32_t>(
       std::accumulate(pairs_at_level_.begin() + 1, pairs_at_level_.end(), std::uint64_t{0}));
   status.mission_progress =
-      told_progress_ ? *told_progress_ : progress_.fraction().value_or(telemetry::kAbsent);
+      reported_progress_ ? *reported_progress_ : progress_.fraction().value_or(telemetry::kAbsent);
   const fusion::QuadtreeMap::Counters tiles = map_.map().counters();
   status.pool_refusals = static_cast<std::uint32_t>(tiles.refused + tiles.coarsened);
   status.health = healthFlags(now_ns, tiles);
@@ -315,20 +314,20 @@ std::uint16_t OnboardSystem::healthFlags(std::int64_t now_ns,
   if (lost(nav.dvl_age) || !nav.altitude) flags |= telemetry::kHealthDvlLost;
   if (lost(nav.attitude_age)) flags |= telemetry::kHealthCompassLost;
   if (lost(nav.depth_age)) flags |= telemetry::kHealthDepthLost;
-  const double since_pair = static_cast<double>(now_ns - last_pair_ns_) / kNanoseconds;
+  const double since_pair = static_cast<double>(now_ns - last_pair_ns_) / kNanosecondsPerSecond;
   if (last_pair_ns_ == 0 || since_pair > kNoPairsAfter) flags |= telemetry::kHealthCameraLost;
   if (!map_.anchored()) flags |= telemetry::kHealthNoFix;
   if (tiles.refused > 0) flags |= telemetry::kHealthPoolFull;
   if (tiles.coarsened > 0) flags |= telemetry::kHealthMapCoarsened;
-  if (map_.rig().changes() > 0) flags |= telemetry::kHealthSensorLies;
+  if (map_.rig().changes() > 0) flags |= telemetry::kHealthSensorContradicted;
   if (const LocalisationCore* localisation = map_.localisation()) {
     const slam::NavigationGraph::Counters& graph = localisation->graph().counters();
     // A compass that has leapt once may be off from then on.
-    if (graph.dvl_lies || graph.compass_jumps > 0) flags |= telemetry::kHealthSensorLies;
+    if (graph.dvl_rejected || graph.compass_jumps > 0) flags |= telemetry::kHealthSensorContradicted;
     const MovingMap::Counters meshes = map_.movingMap().counters();
     const bool full = graph.keyframes_refused + graph.links_refused + graph.fixes_refused > 0 ||
                       meshes.given_up || meshes.meshes_baked_in > 0 ||
-                      localisation->features().counters().given_way > 0;
+                      localisation->features().counters().evicted > 0;
     if (full) flags |= telemetry::kHealthPoolFull;
   }
   const double wanted = kPoorPoints * config_.stereo.max_features;

@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/link/mission_progress.hpp"
 #include "realtime/onboard/map/map_core.hpp"
@@ -20,7 +20,7 @@
 
 namespace fathom::onboard {
 
-// Puts place and attitude of the body in nav into a status.
+// Sets position and attitude of the body in a status.
 void placeIn(telemetry::Status& status, const SE3& T_nav_body);
 
 // The three cores wired together for one mission: samples in, poses, map and modem frames out. No threads,
@@ -29,8 +29,7 @@ class OnboardSystem {
  public:
   // Gives the pixels of an exposure, valid until the next call for the same side; std::nullopt: unreadable.
   using ImageSource = std::function<std::optional<ImageView>(const std::string& file_name, CameraSide side)>;
-  // Gives what was matched in a pair, by its left image's name, where a mission has no images; null:
-  // unreadable.
+  // Gives the matches of a pair, by its left image's name, where a mission has no images; null: unreadable.
   using FeatureSource = std::function<const StereoFeatureFrame*(const std::string& left_image)>;
   struct PairSource {
     ImageSource images;
@@ -39,17 +38,16 @@ class OnboardSystem {
 
   // How much work a pair may cost. Where a measured time decided it, the log says so (io::Decision).
   struct PairQuota {
-    std::size_t level = 0;  // of degradation, for the counters
-    bool drop = false;      // not mapped at all
-    double feature_share =
-        1;  // of the stereo points wanted; fewer points lie further apart and make coarser cells
+    std::size_t level = 0;     // of degradation, for the counters
+    bool drop = false;         // not mapped at all
+    double feature_share = 1;  // of the wanted stereo points; fewer make coarser cells
     bool closures = true;      // false: candidates wait
-    double rebuild_share = 1;  // of the meshes fused anew a pair
+    double rebuild_share = 1;  // of the meshes fused again per pair
   };
   static constexpr std::size_t kLevels = 5;
 
-  // What a stereo pair led to, with the names of its images: at its final place, or, right after the images
-  // were looked at, where the vehicle probably was.
+  // Result of a stereo pair, with the names of its images: at its final pose, or at the predicted one right
+  // after the images were processed.
   struct MappedPair {
     MapOutput output;
     std::string left_image, right_image;
@@ -61,51 +59,51 @@ class OnboardSystem {
                 PairSource source, const MapSlots& slots = {});
 
   using OnPair = std::function<void(const MappedPair&)>;
-  // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair whose final place it
-  // tells.
+  // Consumes one sample that arrived at `arrival_utc_ns`; calls `on_pair` for every pair that it gives a
+  // final pose.
   void consume(std::int64_t arrival_utc_ns, const SensorSample& sample, const OnPair& on_pair);
 
-  // Says what a pair may cost; of `pair` only the images' names are known.
+  // Decides what a pair may cost; of `pair` only the images' names are known.
   using PairPolicy = std::function<PairQuota(const StereoTrigger& trigger, const MappedPair& pair)>;
 
   // Time passes without a sample.
   void passTime(std::int64_t now_ns);
   // Asked for every pair before it is mapped; without one all work is done.
   void setPairPolicy(PairPolicy policy) { policy_ = std::move(policy); }
-  // Health flags (telemetry's) of what the cores cannot see. At first: soft real time, as a replay is.
-  // `slipped`: cycles of the hard loop that were skipped so far.
-  void setProgramHealth(unsigned flags, std::uint32_t slipped) {
+  // Health flags (telemetry's) of what the cores cannot see. Initially soft real time, as in a replay.
+  // `skipped`: cycles of the hard loop that were skipped so far.
+  void setProgramHealth(unsigned flags, std::uint32_t skipped) {
     program_health_ = flags;
-    slipped_cycles_ = slipped;
+    skipped_cycles_ = skipped;
   }
 
-  // Called for every pair when its images have been looked at, and are not needed any more.
+  // Called for every pair when its images have been processed and are no longer needed.
   void setSeenObserver(OnPair on_seen) { on_seen_ = std::move(on_seen); }
   // Called with a pair's number before it is placed.
   void setPlacingObserver(std::function<void(std::uint32_t pair)> on_placing) {
     on_placing_ = std::move(on_placing);
   }
 
-  // The survey is over: localisation and map come to their final state. Pairs whose final place was never
-  // told stay where they were predicted to be.
+  // The survey is over: localisation and map come to their final state. Pairs without a final pose keep the
+  // predicted one.
   void finish(std::int64_t now_ns, const OnPair& on_pair);
 
   // Link time passes; the next frame to send or 0. Call until 0. `survey_over`: nothing more will be mapped.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, bool survey_over, std::span<std::uint8_t> out);
 
-  // A frame that the modem received: acknowledgements and requests go to the link, position fixes to the map.
-  // Whatever else it is, is counted.
+  // A frame that the modem received: acknowledgements and requests go to the link, position fixes to the map;
+  // other frames are counted.
   void receiveFrame(std::int64_t now_ns, std::span<const std::uint8_t> frame);
 
-  // Saved state; a loaded system goes on as the saved one would have (see checkpoint/README.md). One whose
-  // load() failed is of no use.
+  // Saved state; a loaded system continues like the saved one (see checkpoint/README.md). A system is
+  // unusable after its load() failed.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
-  // The program has started again: frames that it does not know of may have been sent.
+  // The program has started again: frames may have been sent that it does not know of.
   void noteRestart() { link_.noteRestart(); }
-  // Frames up to before this sequence number were given to the modem, by whomever.
+  // Frames before this sequence number were given to the modem, by this or another process.
   void noteSent(telemetry::Version next, std::int64_t now_ns) { link_.noteSent(next, now_ns); }
-  // False: pairs are passed over until it is set again, navigation goes on. Not part of the saved state.
+  // False: pairs are ignored until it is set again, navigation continues. Not part of the saved state.
   void setMapping(bool mapping) { mapping_ = mapping; }
 
   // Names and values of every counter, for health.csv.
@@ -119,7 +117,7 @@ class OnboardSystem {
     observer_ = observer;
     map_.setStageObserver(std::move(observer));
   }
-  // Called when a keyframe retires, for who holds pairs that hang on it.
+  // Called when a keyframe retires, for the owner of pairs that are anchored to it.
   void setRetiredObserver(LocalisationCore::OnRetired observer) {
     map_.setRetiredObserver(std::move(observer));
   }
@@ -137,18 +135,17 @@ class OnboardSystem {
     Eigen::Vector2d north_east = Eigen::Vector2d::Zero();  // in nav [m]
     double sigma = 0;                                      // horizontal [m]
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive.enumeration(self.kind, nav::FixKind::kUsbl);
       archive.instants(self.utc_ns);
       archive(self.north_east, self.sigma);
     }
   };
   void place(const Fix& fix, const SE3& T_odom_body, double unlocked_s);
-  // A fix from before bottom track: the vehicle is taken to be where dead reckoning began, after as long
-  // without it as has passed since.
+  // A fix from before bottom track: the vehicle is assumed where dead reckoning began, after as long without
+  // it as has passed since.
   void placeEarly(const Fix& fix);
-  // Those that waited, as soon as dead reckoning has begun.
+  // Places the fixes that waited, as soon as dead reckoning has begun.
   void placeEarlyFixes();
   // Puts the pair's images or features into the input; false where they cannot be read.
   [[nodiscard]] bool readPair(const MappedPair& pair, MapInput& input) const;
@@ -158,7 +155,7 @@ class OnboardSystem {
   void mapPairs(const OnPair& on_pair);
   // False where a pair is not to be mapped, or cannot be.
   [[nodiscard]] bool seePair(const StereoTrigger& trigger, MappedPair& pair, SeenPair& seen);
-  // Places the pairs that wait, up to this number; those that nothing more is known of where they are.
+  // Places the waiting pairs up to this number, at their predicted poses if no final one is known.
   void placePairs(std::uint32_t up_to, const StereoTrigger* last, const OnPair& on_pair);
   void addDownlink(std::vector<std::pair<std::string, double>>& row) const;
   void addLocalisation(std::vector<std::pair<std::string, double>>& row) const;
@@ -190,8 +187,7 @@ class OnboardSystem {
     StereoTrigger trigger;  // its prediction
     SeenPair seen;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.trigger);
       SeenPair::exchange(archive, self.seen);
     }
@@ -204,7 +200,7 @@ class OnboardSystem {
   PairPolicy policy_;
   bool mapping_ = true;
   unsigned program_health_ = telemetry::kHealthSoftRealTime;
-  std::uint32_t slipped_cycles_ = 0;
+  std::uint32_t skipped_cycles_ = 0;
   std::uint64_t shed_pairs_ = 0;
   std::array<std::uint64_t, kLevels> pairs_at_level_{};
   std::optional<SE3> last_pose_;  // T_odom_body, for the distance travelled
@@ -219,8 +215,8 @@ class OnboardSystem {
   std::int64_t last_pair_ns_ = 0, last_tick_ns_ = 0;
   std::size_t last_points_ = 0;  // of the newest pair
   bool survey_over_ = false;
-  std::optional<BatterySample> battery_;  // the newest
-  std::optional<double> told_progress_;   // of the mission, by the vehicle's own control
+  std::optional<BatterySample> battery_;     // the newest
+  std::optional<double> reported_progress_;  // of the mission, by the vehicle's own control
 };
 
 }  // namespace fathom::onboard

@@ -2,9 +2,9 @@
 
 #include <cstdio>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/seconds.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::onboard {
 

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/files/images/mission_images.hpp"
+#include "firmware_if/mission/images/mission_images.hpp"
 #include "realtime/onboard/onboard_system.hpp"
 
 namespace fathom::onboard {

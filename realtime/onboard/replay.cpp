@@ -5,18 +5,18 @@
 #include <cstdio>
 #include <map>
 
-#include "firmware_if/log/onboard_input.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
-#include "realtime/kernel/seconds.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/progress.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
+#include "realtime/onboard/mission_run.hpp"
 #include "realtime/onboard/onboard_output.hpp"
 #include "realtime/onboard/onboard_system.hpp"
-#include "realtime/onboard/pair_quota.hpp"
 #include "realtime/onboard/recorded_pairs.hpp"
 #include "realtime/onboard/restarting_run.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "recon/geometry/colour.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -55,8 +55,7 @@ struct Slots {
 Slots makeSlots(const OnboardConfig& config, const SlotCounts& counts, const std::filesystem::path& beside) {
   if (!config.localisation.enabled) return {};
   const std::filesystem::path folder = config.slot_folder.empty() ? beside : config.slot_folder;
-  const auto slot_bytes = closure::slotBytes(closure::DescriptorKind::kRootSift,
-                                             static_cast<std::size_t>(config.localisation.features));
+  const auto slot_bytes = closure::slotBytes(static_cast<std::size_t>(config.localisation.features));
   return {std::make_unique<SlotFile>(folder, static_cast<std::size_t>(counts.keyframes), slot_bytes),
           std::make_unique<SlotFile>(folder, static_cast<std::size_t>(counts.pairs),
                                      meshSlotBytes(static_cast<std::size_t>(config.stereo.max_features)))};

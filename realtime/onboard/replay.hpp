@@ -15,9 +15,8 @@ struct ReplayOptions {
   std::optional<std::filesystem::path> config;  // TOML; absent: defaults
   std::optional<std::filesystem::path> out;     // absent: <mission>/onboard
   bool no_slam = false;                         // whatever the configuration says
-  FrameExchangeOptions link;                    // the modem, both ways
-  double drain_s =
-      0;  // after the last sample the vehicle goes on sending until all has left, at most so long [s]
+  FrameExchangeOptions link;                    // the modem, in both directions
+  double drain_s = 0;  // sending continues after the last sample until all is sent, at most so long [s]
 };
 
 struct ReplaySummary : RunSummary {
@@ -26,11 +25,11 @@ struct ReplaySummary : RunSummary {
 };
 
 // Feeds a recorded (or simulated) mission to the three cores in logged order and writes onboard/. Everything
-// but timing.json depends on the mission, the configuration and the frames received (downlink.bin) alone: two
-// replays give identical bytes.
-// Throws InputError for a mission that cannot be used; an unreadable image is counted and its pair dropped.
+// but timing.json depends only on the mission, the configuration and the received frames (downlink.bin): two
+// replays give identical bytes. Throws InputError for an unusable mission; an unreadable image is counted and
+// its pair dropped.
 ReplaySummary replay(const ReplayOptions& options);
-// One line for people.
+// One line for the operator.
 [[nodiscard]] std::string describe(const ReplaySummary& summary);
 
 }  // namespace fathom::onboard

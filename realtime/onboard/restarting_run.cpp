@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -20,7 +20,7 @@ RestartingRun::RestartingRun(Make make, const std::vector<io::OnboardInput>& inp
     : make_(std::move(make)), inputs_(inputs), run_(make_()) {
   for (std::size_t i = 0; i < inputs_.size(); ++i)
     if (const io::Mark* mark = markOf(inputs_[i], io::Mark::Kind::kRestart))
-      if (mark->number != io::Mark::kAnew) saved_[mark->number].last_use = i;
+      if (mark->number != io::Mark::kEmptyMap) saved_[mark->number].last_use = i;
   if (saved_.count(0) > 0) save(saved_[0], 0);
 }
 
@@ -48,7 +48,7 @@ void RestartingRun::consume(std::size_t i) {
   if (const auto wanted = saved_.find(mark->number); wanted != saved_.end()) save(wanted->second, i + 1);
 }
 
-void RestartingRun::beginAnew() {
+void RestartingRun::restartEmpty() {
   run_ = make_();
   (void)run_->rollBackSlots(0);
   run_->system().setMapping(false);
@@ -57,7 +57,7 @@ void RestartingRun::beginAnew() {
 }
 
 void RestartingRun::restart(std::uint64_t number) {
-  if (number == io::Mark::kAnew) return beginAnew();
+  if (number == io::Mark::kEmptyMap) return restartEmpty();
   const auto from = saved_.find(number);
   if (from == saved_.end() || from->second.state.empty())
     throw std::runtime_error("the log restarts from checkpoint " + std::to_string(number) +

@@ -11,10 +11,9 @@
 
 namespace fathom::onboard {
 
-// A replay that starts again where the program did: at the mark of a checkpoint that the program once came
-// back with the state is kept, at that restart's mark it is loaded into a new run, and what was logged behind
-// it is consumed again; so are the slots what they were at that mark. Many restarts may have begun with the
-// same checkpoint.
+// A replay that reproduces the program's restarts: at the mark of each checkpoint that a restart used, it
+// saves the state; at the mark of that restart it loads the state into a new run, restores the slots to that
+// mark, and consumes again what was logged after it. Several restarts may use one checkpoint.
 class RestartingRun {
  public:
   using Make = std::function<std::unique_ptr<MissionRun>()>;
@@ -33,7 +32,7 @@ class RestartingRun {
   };
   void save(Saved& to, std::size_t next);
   void restart(std::uint64_t number);
-  void beginAnew();
+  void restartEmpty();
   void consume(std::size_t i);
   void forgetSlots();
 

@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "realtime/kernel/log_histogram.hpp"
+#include "realtime/base/numbers/log_histogram.hpp"
 
 namespace fathom::onboard {
 

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "recon/calibration/board_pairing.hpp"
+#include "recon/calibration/chessboard.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::calibration {

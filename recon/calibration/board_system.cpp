@@ -12,12 +12,6 @@
 namespace fathom::calibration {
 namespace {
 
-constexpr std::array<double Camera::*, 9> kIntrinsics{&Camera::fx, &Camera::fy, &Camera::cx,
-                                                      &Camera::cy, &Camera::k1, &Camera::k2,
-                                                      &Camera::p1, &Camera::p2, &Camera::k3};
-constexpr std::array<double CameraSigma::*, 9> kSigmas{&CameraSigma::fx, &CameraSigma::fy, &CameraSigma::cx,
-                                                       &CameraSigma::cy, &CameraSigma::k1, &CameraSigma::k2,
-                                                       &CameraSigma::p1, &CameraSigma::p2, &CameraSigma::k3};
 constexpr std::size_t kPixelIntrinsics = 4;       // the first ones
 constexpr double kPixels = 1e-3, kOthers = 1e-6;  // steps [px]; [1, m, rad]
 
@@ -117,7 +111,7 @@ BoardSystem boardSystem(const StereoRig& rig, const std::vector<CalibratedView>&
     observations += static_cast<double>(rows);
   }
   const double free = observations - static_cast<double>(shared) - 6.0 * static_cast<double>(views.size());
-  constexpr double kLeastCornerError = 0.02;  // nobody finds corners better than this [px]
+  constexpr double kLeastCornerError = 0.02;  // no detector is better than this [px]
   out.variance = std::max(squares / std::max(1.0, free), kLeastCornerError * kLeastCornerError);
   return out;
 }
@@ -139,7 +133,7 @@ void setPoseSigma(const StereoRig& rig, const Eigen::MatrixXd& covariance, Eigen
                   RigSigma& sigma) {
   for (int i = 0; i < 3; ++i) sigma.rotation(i) = sigmaAt(covariance, first + 3 + i);
   const Eigen::Vector3d t = rig.T_right_left.translation();
-  // exp(rho, phi) T moves t by rho + phi x t; along t only rho counts.
+  // exp(rho, phi) T moves t by rho + phi x t; along t by rho alone.
   const Eigen::Vector3d along = t.normalized();
   const Eigen::Matrix3d of_translation = covariance.block<3, 3>(first, first);
   sigma.baseline = std::sqrt(std::max(0.0, along.dot(of_translation * along)));
@@ -159,8 +153,8 @@ RigSigma rigUncertainty(const StereoRig& rig, const std::vector<CalibratedView>&
   const Eigen::MatrixXd covariance = boardSystem(rig, views, board, parameters).covariance();
   RigSigma sigma;
   for (Eigen::Index p = 0; p < cameras / 2; ++p) {
-    sigma.left.*kSigmas[static_cast<std::size_t>(p)] = sigmaAt(covariance, p);
-    sigma.right.*kSigmas[static_cast<std::size_t>(p)] = sigmaAt(covariance, cameras / 2 + p);
+    sigma.left.*kIntrinsicSigmas[static_cast<std::size_t>(p)] = sigmaAt(covariance, p);
+    sigma.right.*kIntrinsicSigmas[static_cast<std::size_t>(p)] = sigmaAt(covariance, cameras / 2 + p);
   }
   setPoseSigma(rig, covariance, cameras, sigma);
   return sigma;

@@ -8,10 +8,10 @@
 
 namespace fathom::calibration {
 
-// One number of a rig that boards tell.
+// One number of a rig that boards determine.
 struct RigParameter {
   std::function<StereoRig(const StereoRig& rig, double by)> moved;
-  double step;  // for derivatives, to both sides
+  double step;  // of central differences
 };
 // fx fy cx cy k1 k2 p1 p2 and perhaps k3, of the left camera, then of the right one.
 [[nodiscard]] std::vector<RigParameter> cameraParameters(bool k3);
@@ -33,7 +33,7 @@ struct BoardSystem {
 [[nodiscard]] BoardSystem boardSystem(const StereoRig& rig, const std::vector<CalibratedView>& views,
                                       const Chessboard& board, const std::vector<RigParameter>& parameters);
 
-// Standard deviation by a covariance; infinite where it is not determined at all.
+// Standard deviation of one parameter; infinite where it is not determined.
 [[nodiscard]] double sigmaAt(const Eigen::MatrixXd& covariance, Eigen::Index parameter);
 // Fills translation, rotation and baseline from the covariance of poseParameters() that begins at `first`.
 void setPoseSigma(const StereoRig& rig, const Eigen::MatrixXd& covariance, Eigen::Index first,

@@ -2,8 +2,10 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <string>
 #include <vector>
 
+#include "recon/geometry/camera.hpp"
 #include "recon/geometry/image_view.hpp"
 
 namespace fathom::calibration {
@@ -21,12 +23,34 @@ struct Chessboard {
 // Inner corners in one image, row by row [px].
 using Corners = std::vector<Eigen::Vector2d>;
 
-// The inner corners on the board: x along a row, y along a column, z = 0 [m].
+// The inner corners in the board's frame: x along a row, y along a column, z = 0 [m].
 [[nodiscard]] std::vector<Eigen::Vector3d> boardPoints(const Chessboard& board);
+// The middle of these.
+[[nodiscard]] Eigen::Vector3d boardMiddle(const Chessboard& board);
 
-// Finds every inner corner to a fraction of a pixel; std::nullopt when the whole board is not to be seen.
+// Finds every inner corner to a fraction of a pixel; std::nullopt when a part of the board is not visible.
 // Mono, RGB or Bayer (its green pixels, the others interpolated), 8 to 16 bits. Which corner comes first may
-// differ by the board's symmetry from image to image (see board_pairing.hpp).
+// differ by the board's symmetry from image to image (see alignBoards()).
 [[nodiscard]] std::optional<Corners> findChessboard(const ImageView& image, const Chessboard& board);
+
+// One board in both images of the same moment.
+struct BoardView {
+  std::string name;
+  Corners left, right;
+};
+
+// A pair that is not used, and the reason.
+struct DroppedView {
+  std::string name, reason;
+};
+
+// Resolves the order of corners: a chessboard turned by half a turn (a square one also by quarter turns)
+// shows the same corners, so that left and right may count them from opposite ends. The rig is rigid: the
+// relative pose of the cameras is the same in every view. Finds the relative rotation on which most views
+// agree, in any order of their corners, and reorders each view's right corners to it; of two with as many
+// views the smaller rotation is taken. Returns for each view whether it agrees (one that does not was not
+// taken at the same moment, or its corners are wrong). `left`, `right`: intrinsics, to a few per cent.
+[[nodiscard]] std::vector<bool> alignBoards(const Camera& left, const Camera& right, const Chessboard& board,
+                                            std::vector<BoardView>& views);
 
 }  // namespace fathom::calibration

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <limits>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/colour_difference.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/geometry/colour.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -33,7 +33,7 @@ double row(int patch) {
   return patch / kChartColumns / (kChartRows - 1.0) - 0.5;
 }
 
-// What a view's samples are multiplied by: a gain for each channel, and light that varies over the chart.
+// Factors on a view's samples: a gain for each channel, and light that varies over the chart.
 struct Balance {
   Eigen::Vector3d log_gain = Eigen::Vector3d::Zero();
   double across = 0, down = 0;
@@ -42,7 +42,7 @@ struct Balance {
   }
 };
 
-// So that `matrix` takes the view's balanced colours to the chart's.
+// Balance by which `matrix` takes the view's colours to the chart's.
 Balance balanceOf(const ChartView& view, const Eigen::Matrix3d& matrix) {
   const Eigen::Matrix3d inverse = matrix.inverse();
   Eigen::Matrix<double, 5, 5> normal = Eigen::Matrix<double, 5, 5>::Zero();
@@ -65,10 +65,10 @@ Balance balanceOf(const ChartView& view, const Eigen::Matrix3d& matrix) {
   return {x.head<3>(), x(3), x(4)};
 }
 
-Eigen::Matrix3d matrixOf(const std::vector<ChartView>& views, const std::vector<Balance>& balances) {
+Eigen::Matrix3d colourMatrixOf(const std::vector<ChartView>& views, const std::vector<Balance>& balances) {
   Eigen::Matrix3d out;
   for (int i = 0; i < 3; ++i) {
-    // The row is 1 at its own channel, less what it takes from the others.
+    // The row adds up to 1: its own element is 1 less the other two.
     const int a = (i + 1) % 3, b = (i + 2) % 3;
     Eigen::Matrix2d normal = 1e-9 * Eigen::Matrix2d::Identity();
     Eigen::Vector2d right = Eigen::Vector2d::Zero();
@@ -89,8 +89,8 @@ Eigen::Matrix3d matrixOf(const std::vector<ChartView>& views, const std::vector<
   return out;
 }
 
-void measure(const std::vector<ChartView>& views, const std::vector<Balance>& balances,
-             const Eigen::Matrix3d& matrix, std::array<double, kPatches>& errors) {
+void chartErrors(const std::vector<ChartView>& views, const std::vector<Balance>& balances,
+                 const Eigen::Matrix3d& matrix, std::array<double, kPatches>& errors) {
   for (int k = 0; k < kPatches; ++k) {
     double sum = 0, count = 0;
     for (std::size_t v = 0; v < views.size(); ++v)
@@ -137,13 +137,13 @@ ColourCalibration calibrateColours(const std::vector<ChartView>& views, const st
     for (std::size_t v = 0; v < views.size(); ++v) balances[v] = balanceOf(views[v], out.matrix);
   };
   balance();
-  measure(views, balances, out.matrix, out.before);
+  chartErrors(views, balances, out.matrix, out.before);
   constexpr int kTurns = 30;
   for (int turn = 0; turn < kTurns; ++turn) {
-    out.matrix = matrixOf(views, balances);
+    out.matrix = colourMatrixOf(views, balances);
     balance();
   }
-  measure(views, balances, out.matrix, out.after);
+  chartErrors(views, balances, out.matrix, out.after);
   const std::vector<double> after = known(out.after);
   out.median_before = median(known(out.before));
   out.median_after = median(after);

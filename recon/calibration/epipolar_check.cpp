@@ -3,11 +3,10 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/calibration/robust.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -32,12 +31,12 @@ double errorOf(const StereoRig& rig, const RayPair& rays, const Change& change) 
   return rig.right.fy * line.dot(ray) / ray.z();
 }
 
-// Gauss-Newton in two loops: errors are so nearly linear in a change that the inner one, of weights, needs no
-// new derivatives.
+// Gauss-Newton by hand, because it runs on board, where replays keep its bits. Two loops: errors are so
+// nearly linear in a change that the inner one, of weights, needs no new derivatives.
 void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarCheck& out) {
   constexpr int kLinearised = 3, kWeighted = 8;
   constexpr double kStep = 1e-6, kEnough = 1e-8;  // [rad]
-  // A rig does not turn farther, and focal lengths are calibrated better: holds what the matches leave open.
+  // Standard deviations of a weak prior, for components that the matches do not determine.
   constexpr double kTurned = 0.05, kLonger = 0.02;
   const Change prior =
       Change(1 / kTurned, 1 / kTurned, 1 / kTurned, 1 / kLonger).array().square();  // information
@@ -81,6 +80,12 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
 
 }  // namespace
 
+double cauchyWeight(double sigmas) {
+  constexpr double kTuning = 2.385;
+  const double x = sigmas / kTuning;
+  return 1.0 / (1.0 + x * x);
+}
+
 double epipolarError(const StereoRig& rig, const RigMatch& match) {
   return errorOf(rig, raysOf(rig, match.left, match.right), Change::Zero());
 }
@@ -118,12 +123,12 @@ double EpipolarCheck::worst() const {
   return std::max(std::abs(median), std::abs(worst_cell));
 }
 
-bool tellsRig(const EpipolarCheck& check, std::size_t fewest) {
+bool measuresRig(const EpipolarCheck& check, std::size_t fewest) {
   return check.errors.size() >= fewest && check.sigma_after < kMostMedian;
 }
 
 bool explainsMove(const EpipolarCheck& check) {
-  return tellsRig(check) && hasMoved(check) && check.sigma_after < 0.5 * check.worst();
+  return measuresRig(check) && hasMoved(check) && check.sigma_after < 0.5 * check.worst();
 }
 
 bool hasMoved(const EpipolarCheck& check) {
@@ -131,7 +136,7 @@ bool hasMoved(const EpipolarCheck& check) {
 }
 
 std::string describeChange(const Eigen::Vector3d& rotation, double focal) {
-  const Eigen::Vector3d degrees = rotation * 180 / std::numbers::pi;
+  const Eigen::Vector3d degrees = rotation.unaryExpr(&radiansToDegrees);
   return "the right camera as turned by pitch " + decimals(degrees.x(), 3) + ", yaw " +
          decimals(degrees.y(), 3) + ", roll " + decimals(degrees.z(), 3) + " deg, its focal lengths as " +
          decimals(100 * focal, 2) + " % longer against the left one's";

@@ -5,27 +5,23 @@
 #include <cmath>
 #include <utility>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/calibration/board_system.hpp"
 #include "recon/geometry/flat_port.hpp"
 
 namespace fathom::calibration {
 namespace {
 
-constexpr double kStraight = 0.05;       // standard deviation of a normal's x and y, before any board
-constexpr double kFirstDistance = 0.02;  // where the search begins [m]
+constexpr double kStraight = 0.05;       // prior standard deviation of a normal's x and y
+constexpr double kFirstDistance = 0.02;  // initial distance of the search [m]
 constexpr double kMostOpen = 0.02;       // largest standard deviation of a distance that is a result [m]
 constexpr Eigen::Index kPort = 3;        // parameters of a port
 
 class PortCalibrator {
  public:
   PortCalibrator(const Chessboard& board, const RigCalibrationConfig& config, const std::string& source)
-      : config_(config),
-        source_(source),
-        board_(board),
-        points_(boardPoints(board)),
-        parameters_(portParameters()) {
+      : config_(config), source_(source), board_(board), parameters_(portParameters()) {
     for (RigParameter& p : poseParameters()) parameters_.push_back(std::move(p));
   }
 
@@ -39,15 +35,10 @@ class PortCalibrator {
                             .water_index = glass.water});
     const std::vector<bool> agrees = alignBoards(out_.rig.left, out_.rig.right, board_, views);
     for (std::size_t v = 0; v < views.size(); ++v) {
-      if (agrees[v]) {
-        CalibratedView& view = out_.views.emplace_back();
-        view.name = views[v].name;
-        view.left = views[v].left;
-        view.right = views[v].right;
-        continue;
-      }
-      out_.dropped.push_back(
-          {views[v].name, "left and right disagree about where the board is: not taken at the same moment"});
+      if (agrees[v])
+        out_.views.push_back(viewOf(views[v]));
+      else
+        out_.dropped.push_back({views[v].name, kNotOneMoment});
     }
     while (true) {
       if (static_cast<int>(out_.views.size()) < config_.min_views)
@@ -56,27 +47,22 @@ class PortCalibrator {
                              std::to_string(config_.min_views) +
                              " are needed; take more, near and far, tilted and all over the image");
       solve();
-      std::vector<double> errors;
-      for (const CalibratedView& view : out_.views) errors.push_back(view.stereo_rms);
-      const std::size_t bad = grossView(errors, config_);
-      if (bad == errors.size()) break;
-      out_.dropped.push_back({out_.views[bad].name, grossReason("stereo", errors[bad], errors)});
-      out_.views.erase(out_.views.begin() + static_cast<std::ptrdiff_t>(bad));
+      const auto gross = grossView(out_.views, config_);
+      if (!gross) break;
+      out_.dropped.push_back({out_.views[gross->index].name, gross->reason});
+      out_.views.erase(out_.views.begin() + static_cast<std::ptrdiff_t>(gross->index));
     }
-    const Eigen::Vector3d middle(0.5 * (board_.columns - 1) * board_.square,
-                                 0.5 * (board_.rows - 1) * board_.square, 0);
-    for (CalibratedView& view : out_.views) view.distance = (view.T_left_board * middle).z();
     setSigma();
     return std::move(out_);
   }
 
  private:
   void fitPoses() {
-    for (CalibratedView& view : out_.views) fitPose(out_.rig, points_, view);
+    for (CalibratedView& view : out_.views) fitPose(out_.rig, board_, view);
     measure(out_);
   }
 
-  // With what is believed of the normals.
+  // Normal equations with the prior of the ports' normals.
   [[nodiscard]] BoardSystem system() const {
     BoardSystem s = boardSystem(out_.rig, out_.views, board_, parameters_);
     const double weight = s.variance / (kStraight * kStraight);
@@ -91,6 +77,8 @@ class PortCalibrator {
     return s;
   }
 
+  // Gauss-Newton by hand: boardSystem() gives the normal equations and, with them, the covariance of the
+  // result.
   void solve() {
     constexpr int kMaxSteps = 30;
     constexpr double kEnough = 1e-7;  // of a step [1, m, rad]
@@ -100,7 +88,7 @@ class PortCalibrator {
       const Eigen::VectorXd scale = s.information.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
       const Eigen::MatrixXd scaled = scale.asDiagonal() * s.information * scale.asDiagonal();
       Eigen::VectorXd step = scale.asDiagonal() * scaled.ldlt().solve(scale.asDiagonal() * s.gradient);
-      // No port comes nearer than the camera's centre.
+      // Keeps each port's distance from the camera's centre at least zero.
       for (const auto& [at, camera] :
            {std::pair{kPort - 1, &out_.rig.left}, {2 * kPort - 1, &out_.rig.right}})
         step(at) = std::max(step(at), -camera->port->distance);
@@ -132,7 +120,6 @@ class PortCalibrator {
   RigCalibrationConfig config_;
   std::string source_;
   Chessboard board_;
-  std::vector<Eigen::Vector3d> points_;
   std::vector<RigParameter> parameters_;
   RigCalibration out_;
 };

@@ -12,26 +12,21 @@
 namespace fathom::calibration {
 namespace {
 
-constexpr std::array<double Camera::*, 8> kIntrinsics{&Camera::fx, &Camera::fy, &Camera::cx, &Camera::cy,
-                                                      &Camera::k1, &Camera::k2, &Camera::p1, &Camera::p2};
-constexpr std::array<double CameraSigma::*, 8> kSigmas{&CameraSigma::fx, &CameraSigma::fy, &CameraSigma::cx,
-                                                       &CameraSigma::cy, &CameraSigma::k1, &CameraSigma::k2,
-                                                       &CameraSigma::p1, &CameraSigma::p2};
-constexpr int kCamera = kIntrinsics.size(), kQuaternion = 4, kVector = 3;
+constexpr int kCamera = 8, kQuaternion = 4, kVector = 3;  // kCamera: without k3
 using Intrinsics = std::array<double, kCamera>;
 
-// Camera::project(), with k3 of the camera that it begins with, less what was seen; false behind the camera.
+// Camera::project(), with the initial camera's k3, less the measured pixel; false behind the camera.
 template <typename T>
-bool projectedLessSeen(const T* camera, double k3, const Eigen::Matrix<T, 3, 1>& p,
-                       const Eigen::Vector2d& seen, T* residual) {
+bool projectionError(const T* camera, double k3, const Eigen::Matrix<T, 3, 1>& p,
+                     const Eigen::Vector2d& measured, T* residual) {
   if (p.z() <= T(0)) return false;
   const T x = p.x() / p.z(), y = p.y() / p.z();
   const T r2 = x * x + y * y;
   const T radial = T(1) + r2 * (camera[4] + r2 * (camera[5] + r2 * k3));
   const T dx = x * radial + T(2) * camera[6] * x * y + camera[7] * (r2 + T(2) * x * x);
   const T dy = y * radial + camera[6] * (r2 + T(2) * y * y) + T(2) * camera[7] * x * y;
-  residual[0] = camera[0] * dx + camera[2] - T(seen.x());
-  residual[1] = camera[1] * dy + camera[3] - T(seen.y());
+  residual[0] = camera[0] * dx + camera[2] - T(measured.x());
+  residual[1] = camera[1] * dy + camera[3] - T(measured.y());
   return true;
 }
 
@@ -53,7 +48,7 @@ struct LeftSighting {
   template <typename T>
   bool operator()(const T* camera, const T* q, const T* t, const T* point, T* residual) const {
     const Vector3<T> p = moved<T>(q, Vector3In<T>(t), Vector3In<T>(point));
-    return projectedLessSeen(camera, k3, p, pixel, residual);
+    return projectionError(camera, k3, p, pixel, residual);
   }
 };
 
@@ -66,7 +61,7 @@ struct RightSighting {
                   const T* point, T* residual) const {
     const Vector3<T> in_left = moved<T>(q, Vector3In<T>(t), Vector3In<T>(point));
     const Vector3<T> p = moved<T>(rig_q, T(baseline) * Vector3In<T>(rig_direction), in_left);
-    return projectedLessSeen(camera, k3, p, pixel, residual);
+    return projectionError(camera, k3, p, pixel, residual);
   }
 };
 
@@ -96,10 +91,11 @@ Intrinsics numbersOf(const Camera& camera) {
   return out;
 }
 
-// A bundle as Ceres has it; `sigma`: of a coordinate of a sighting, which weighs it against the priors [px].
+// A bundle as a problem of Ceres; `sigma`: of a coordinate of a sighting, which weighs it against the priors
+// [px].
 class Problem {
  public:
-  Problem(const RigBundle& bundle, const BundleConfig& config, double sigma) : bundle_(bundle) {
+  Problem(const RigBundle& bundle, const RigBundleConfig& config, double sigma) : bundle_(bundle) {
     left_ = numbersOf(bundle.rig.left);
     right_ = numbersOf(bundle.rig.right);
     baseline_ = bundle.rig.T_right_left.translation().norm();
@@ -139,13 +135,13 @@ class Problem {
       Eigen::Matrix<double, kCamera, kCamera, Eigen::RowMajor> c;
       covariance.GetCovarianceBlock(camera.data(), camera.data(), c.data());
       for (int i = 0; i < kCamera; ++i)
-        out.*kSigmas[static_cast<std::size_t>(i)] = std::sqrt(std::max(0.0, c(i, i)));
+        out.*kIntrinsicSigmas[static_cast<std::size_t>(i)] = std::sqrt(std::max(0.0, c(i, i)));
     };
     cameraSigma(left_, sigma.left);
     cameraSigma(right_, sigma.right);
     Eigen::Matrix<double, kQuaternion, kQuaternion, Eigen::RowMajor> of_q;
     covariance.GetCovarianceBlock(rig_q_.coeffs().data(), rig_q_.coeffs().data(), of_q.data());
-    // Twice the vector of dq q^-1: by columns what a change of x, y, z, w of q alone makes.
+    // Twice the vector of dq q^-1: a column for each of x, y, z, w of q.
     Eigen::Matrix<double, 3, kQuaternion> turn;
     for (int i = 0; i < kQuaternion; ++i)
       turn.col(i) = 2 * (Eigen::Quaterniond(Eigen::Vector4d::Unit(i)) * rig_q_.conjugate()).vec();
@@ -158,7 +154,7 @@ class Problem {
   }
 
  private:
-  void build(const BundleConfig& config, double sigma) {
+  void build(const RigBundleConfig& config, double sigma) {
     problem_.AddParameterBlock(rig_q_.coeffs().data(), kQuaternion, new ceres::EigenQuaternionManifold);
     problem_.AddParameterBlock(rig_direction_.data(), kVector, new ceres::SphereManifold<kVector>);
     for (std::size_t i = 0; i < q_.size(); ++i) {
@@ -222,7 +218,7 @@ double scatter(const RigBundle& bundle) {
     poses.insert(s.pose);
   }
   const auto taken = static_cast<double>(3 * points.size() + 6 * poses.size());
-  constexpr double kLeast = 0.05;  // nobody finds points better than this [px]
+  constexpr double kLeast = 0.05;  // no detector is better than this [px]
   return std::max(kLeast, std::sqrt(squares / std::max(1.0, count - taken)));
 }
 
@@ -236,7 +232,7 @@ Eigen::Vector2d RigBundle::residual(const Sighting& sighting) const {
   return sighting.pixel - (sighting.right ? rig.right : rig.left).project(p);
 }
 
-void adjust(RigBundle& bundle, const BundleConfig& config) {
+void adjust(RigBundle& bundle, const RigBundleConfig& config) {
   Problem problem(bundle, config, config.loss_px);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_SCHUR;
@@ -249,7 +245,7 @@ void adjust(RigBundle& bundle, const BundleConfig& config) {
   if (summary.IsSolutionUsable()) problem.store(bundle);
 }
 
-bool bundleUncertainty(const RigBundle& bundle, const BundleConfig& config, RigSigma& sigma) {
+bool bundleUncertainty(const RigBundle& bundle, const RigBundleConfig& config, RigSigma& sigma) {
   return Problem(bundle, config, scatter(bundle)).uncertainty(sigma);
 }
 

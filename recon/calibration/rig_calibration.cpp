@@ -4,10 +4,10 @@
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/calibration/opencv_bridge.hpp"
-#include "recon/geometry/order_statistics.hpp"
 
 namespace fathom::calibration {
 namespace {
@@ -46,7 +46,7 @@ OneCamera calibrateOne(const Points2& corners, const Chessboard& board, ImageSiz
   return out;
 }
 
-// Of the distance between seen and projected.
+// Of the distance between measured and projected corners.
 class Rms {
  public:
   void add(const std::vector<Eigen::Vector2d>& residuals) {
@@ -63,7 +63,7 @@ class Rms {
   double squares_ = 0, count_ = 0;
 };
 
-// Of a view, or of all.
+// Of a view, or of the calibration.
 void setRms(auto& of, Rms left, const Rms& right) {
   of.left_rms = left.value();
   of.right_rms = right.value();
@@ -108,16 +108,13 @@ class Calibrator {
     const OneCamera right = calibrateSide("right", &BoardView::right, right_);
     const std::vector<bool> agrees = alignBoards(left.camera, right.camera, board_, views_);
     for (std::size_t v = views_.size(); v-- > 0;)
-      if (!agrees[v])
-        drop(v, "left and right disagree about where the board is: not taken at the same moment");
+      if (!agrees[v]) drop(v, kNotOneMoment);
     while (true) {
       requireViews();
       solveRig();
-      std::vector<double> errors;
-      for (const CalibratedView& view : out_.views) errors.push_back(view.stereo_rms);
-      const std::size_t bad = grossView(errors, config_);
-      if (bad == errors.size()) break;
-      drop(bad, grossReason("stereo", errors[bad], errors));
+      const auto gross = grossView(out_.views, config_);
+      if (!gross) break;
+      drop(gross->index, gross->reason);
     }
     out_.sigma = rigUncertainty(out_.rig, out_.views, board_, config_.k3);
     requireDetermined(out_.rig.left.fx, out_.sigma.left.fx, "left");
@@ -151,9 +148,9 @@ class Calibrator {
         throw InputError(source_, side,
                          "the views do not determine the camera; tilt the board about both its axes");
       }
-      const std::size_t bad = grossView(one.view_rms, config_);
-      if (bad == views_.size()) return one;
-      drop(bad, grossReason(side, one.view_rms[bad], one.view_rms));
+      const auto gross = grossView(side, one.view_rms, config_);
+      if (!gross) return one;
+      drop(gross->index, gross->reason);
     }
   }
 
@@ -173,16 +170,9 @@ class Calibrator {
     requirePossible(out_.rig.left, "left");
     requirePossible(out_.rig.right, "right");
     out_.views.clear();
-    const Eigen::Vector3d middle(0.5 * (board_.columns - 1) * board_.square,
-                                 0.5 * (board_.rows - 1) * board_.square, 0);
     for (const BoardView& view : views_) {
-      CalibratedView done;
-      done.name = view.name;
-      done.left = view.left;
-      done.right = view.right;
-      fitPose(out_.rig, boardPoints(board_), done);
-      done.distance = (done.T_left_board * middle).z();
-      out_.views.push_back(std::move(done));
+      out_.views.push_back(viewOf(view));
+      fitPose(out_.rig, board_, out_.views.back());
     }
     measure(out_);
   }
@@ -215,8 +205,18 @@ class Calibrator {
 
 }  // namespace
 
-// Gauss-Newton from the left image's own pose.
-void fitPose(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, CalibratedView& view) {
+CalibratedView viewOf(const BoardView& corners) {
+  CalibratedView view;
+  view.name = corners.name;
+  view.left = corners.left;
+  view.right = corners.right;
+  return view;
+}
+
+// Gauss-Newton from the left image's own pose. By hand: six numbers with numerical derivatives through lenses
+// and ports take fewer lines than a cost function of Ceres.
+void fitPose(const StereoRig& rig, const Chessboard& board, CalibratedView& view) {
+  const std::vector<Eigen::Vector3d> points = boardPoints(board);
   cv::Mat rotation, translation, matrix;
   cv::solvePnP(toCv(points), toCv(view.left), matrixOf(rig.left), distortionOf(rig.left), rotation,
                translation, false, cv::SOLVEPNP_IPPE);
@@ -243,16 +243,23 @@ void fitPose(const StereoRig& rig, const std::vector<Eigen::Vector3d>& points, C
     if (step.norm() < kEnough) break;
   }
   project(rig, points, view);
+  view.distance = (view.T_left_board * boardMiddle(board)).z();
 }
 
-std::size_t grossView(const std::vector<double>& values, const RigCalibrationConfig& config) {
-  const auto largest = std::max_element(values.begin(), values.end());
-  const double limit = std::max(config.gross * median(values), config.gross_px);
-  return *largest > limit ? static_cast<std::size_t>(largest - values.begin()) : values.size();
+std::optional<GrossView> grossView(const char* what, const std::vector<double>& rms_px,
+                                   const RigCalibrationConfig& config) {
+  const auto largest = std::max_element(rms_px.begin(), rms_px.end());
+  const double typical = median(rms_px);
+  if (!(*largest > std::max(config.gross * typical, config.gross_px))) return std::nullopt;
+  return GrossView{static_cast<std::size_t>(largest - rms_px.begin()),
+                   formatted("%s RMS %.2f px, the median view's is %.2f px", what, *largest, typical)};
 }
 
-std::string grossReason(const char* what, double rms_px, const std::vector<double>& all) {
-  return formatted("%s RMS %.2f px, the median view's is %.2f px", what, rms_px, median(all));
+std::optional<GrossView> grossView(const std::vector<CalibratedView>& views,
+                                   const RigCalibrationConfig& config) {
+  std::vector<double> rms_px;
+  for (const CalibratedView& view : views) rms_px.push_back(view.stereo_rms);
+  return grossView("stereo", rms_px, config);
 }
 
 void measure(CalibratedView& view) {

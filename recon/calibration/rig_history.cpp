@@ -4,7 +4,7 @@
 
 namespace fathom::calibration {
 
-Eigen::Vector3d seenThrough(const StereoRig& from, const StereoRig& to, const Eigen::Vector3d& point) {
+Eigen::Vector3d retriangulated(const StereoRig& from, const StereoRig& to, const Eigen::Vector3d& point) {
   const Eigen::Vector3d right = from.T_right_left * point;
   Eigen::Vector3d out;
   double gap = 0;
@@ -14,19 +14,19 @@ Eigen::Vector3d seenThrough(const StereoRig& from, const StereoRig& to, const Ei
   return out;
 }
 
-void seeThrough(const StereoRig& from, const StereoRig& to, Mesh& mesh) {
+void retriangulate(const StereoRig& from, const StereoRig& to, Mesh& mesh) {
   for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
     Eigen::Vector3f& vertex = mesh.vertices[k];
-    const Eigen::Vector3f seen = seenThrough(from, to, vertex.cast<double>()).cast<float>();
-    const float longer = seen.z() / vertex.z();  // sigma goes with the square of the range
+    const Eigen::Vector3f moved = retriangulated(from, to, vertex.cast<double>()).cast<float>();
+    const float longer = moved.z() / vertex.z();  // sigma goes with the square of the range
     if (k < mesh.sigma.size()) mesh.sigma[k] *= longer * longer;
-    vertex = seen;
+    vertex = moved;
   }
 }
 
 RangeError rangeChange(const StereoRig& from, const StereoRig& to) {
   constexpr double kNear = 1, kFar = 3;  // [m]
-  const auto grown = [&](double z) { return std::log(seenThrough(from, to, {0, 0, z}).z() / z); };
+  const auto grown = [&](double z) { return std::log(retriangulated(from, to, {0, 0, z}).z() / z); };
   const double near = grown(kNear), per_metre = (grown(kFar) - near) / (kFar - kNear);
   return {near - per_metre * kNear, per_metre};
 }

@@ -8,16 +8,16 @@
 namespace fathom::calibration {
 namespace {
 
-// Neighbouring matches share errors of the images and of the lens: a measurement is worth so much less than
-// one of independent matches.
-constexpr double kShared = 4;
-// A rig warms, cools and settles: random walk from one measurement to the next [rad], [1].
+// Errors of neighbouring matches are correlated by image and lens: the information of a measurement is
+// deflated by this factor.
+constexpr double kCorrelation = 4;
+// Random walk of a rig that warms, cools and settles, from one measurement to the next [rad], [1].
 constexpr double kWalk = 2e-5;
-// Chi-square with 4 degrees of freedom that no measurement of the same rig reaches, distortion's changes
-// included.
+// Gate of a measurement against the estimate: chi-square with 4 degrees of freedom, beyond what changes of
+// distortion cause.
 constexpr double kContradicts = 60;
-// Smaller changes are not worth a new rig: of ranges [1] at a survey's altitude [m], and of epipolar lines,
-// as a turn [rad].
+// Smaller changes do not give a new rig: of ranges [1] at a survey's altitude [m], and of epipolar lines, as
+// a turn [rad].
 constexpr double kLeastRange = 5e-4, kSurveyRange = 2, kLeastTurn = 5e-5;
 
 Eigen::Vector4d changeOf(const EpipolarCheck& check) {
@@ -35,42 +35,43 @@ RigWatch::RigWatch(const StereoRig& rig) : calibrated_(rig), history_(rig), T_ri
 
 bool RigWatch::add(std::span<const RigMatch> matches) {
   if (history_.full()) return false;
-  const std::size_t enough = beginnings_ > 0 ? kToRefine : kHeld;
+  const std::size_t enough = resets_ > 0 ? kToRefine : kHeld;
   const std::size_t count = std::min({matches.size(), kOfPair, enough - matches_.size()});
   for (std::size_t k = 0; k < count; ++k) matches_.push_back(matches[k * matches.size() / count]);
   if (matches_.size() < enough) return false;
   const EpipolarCheck check = checkEpipolar(rig(), matches_);
-  if (!tellsRig(check)) {
+  if (!measuresRig(check)) {
     matches_.clear();
     return false;
   }
   ++measurements_;
   judged_.swap(matches_);
   matches_.clear();
-  const Eigen::Vector4d seen = changeOf(check);
-  judged_off_ = seen;
-  const Eigen::Matrix4d told = check.information / kShared;
-  const Eigen::Vector4d off = seen - left_;
+  const Eigen::Vector4d measured = changeOf(check);
+  judged_off_ = measured;
+  const Eigen::Matrix4d information = check.information / kCorrelation;
+  const Eigen::Vector4d off = measured - left_;
   const bool moved = explainsMove(check);
   const bool contradicts =
-      beginnings_ > 0 && off.dot((known_.inverse() + told.inverse()).ldlt().solve(off)) > kContradicts;
-  const bool same = beginnings_ == 0 || (!moved && !contradicts);  // at first it stands as it began
-  if (moved && (beginnings_ > 0 || changes_ == 0)) ++changes_;
-  if (moved || contradicts || beginnings_ == 0) {
-    ++beginnings_;
-    left_ = seen;
-    known_ = told;
+      resets_ > 0 && off.dot((known_.inverse() + information.inverse()).ldlt().solve(off)) > kContradicts;
+  const bool same =
+      resets_ == 0 || (!moved && !contradicts);  // the first measurement is of the rig as it was
+  if (moved && (resets_ > 0 || changes_ == 0)) ++changes_;
+  if (moved || contradicts || resets_ == 0) {
+    ++resets_;
+    left_ = measured;
+    known_ = information;
   } else {
     known_ = (known_.inverse() + kWalk * kWalk * Eigen::Matrix4d::Identity()).inverse();
-    const Eigen::Matrix4d both = known_ + told;
-    left_ = both.ldlt().solve(known_ * left_ + told * seen);
+    const Eigen::Matrix4d both = known_ + information;
+    left_ = both.ldlt().solve(known_ * left_ + information * measured);
     known_ = both;
   }
   return applyLeft(same);
 }
 
-// False where it is too little to be worth a change: more is asked for the more there have been, so that a
-// dive of any length leaves room for a knock.
+// False where the change is too small: the threshold grows with the number of versions, so that a dive of any
+// length leaves room for a knock.
 bool RigWatch::applyLeft(bool same) {
   const StereoRig to = changed(rig(), left_.head<3>(), left_.w());
   const double worth = history_.worth();
@@ -92,24 +93,24 @@ void RigWatch::correctRange(const RangeError& error) {
   range_.per_metre += error.per_metre;
   apply(true);
   if (judged_.empty()) return;
-  const Eigen::Vector4d seen = changeOf(checkEpipolar(rig(), judged_));
-  left_ += seen - judged_off_;
-  judged_off_ = seen;
+  const Eigen::Vector4d measured = changeOf(checkEpipolar(rig(), judged_));
+  left_ += measured - judged_off_;
+  judged_off_ = measured;
   (void)applyLeft(true);
 }
 
-bool RigWatch::standAsShown(const std::vector<RigMatch>& matches) {
-  constexpr std::size_t kFewest = 100;  // of one pair: too few for the parts of the image
+bool RigWatch::correctAtStart(const std::vector<RigMatch>& matches) {
+  constexpr std::size_t kFewest = 100;  // of one pair: too few for cells of the image
   constexpr double kExplained = 0.5;
-  if (beginnings_ > 0 || history_.newest() > 0) return false;
-  // Most pairs show at once that they need no more, without memory from the heap.
-  constexpr double kOffLine = 0.33;  // of half of the matches where their sigma is kMostMedian [px]
+  if (resets_ > 0 || history_.newest() > 0) return false;
+  // Decided for most pairs without memory from the heap.
+  constexpr double kOffLine = 0.33;  // median |error| of matches with a sigma of kMostMedian [px]
   const auto off_line = std::ranges::count_if(
       matches, [&](const RigMatch& match) { return std::abs(epipolarError(rig(), match)) > kOffLine; });
   if (4 * static_cast<std::size_t>(off_line) < matches.size()) return false;
   const EpipolarCheck check = checkEpipolar(rig(), matches);
   const double off = std::max(std::abs(check.median), check.sigma);
-  if (!tellsRig(check, kFewest) || off < kMostMedian || check.sigma_after > kExplained * off) return false;
+  if (!measuresRig(check, kFewest) || off < kMostMedian || check.sigma_after > kExplained * off) return false;
   left_ = {check.rotation.x(), 0, check.rotation.z(), check.focal};
   ++changes_;
   return applyLeft(true);
@@ -120,7 +121,7 @@ Eigen::Vector3d RigWatch::turned() const {
 }
 
 double RigWatch::yawSigma() const {
-  return beginnings_ == 0 ? std::numeric_limits<double>::infinity() : std::sqrt(known_.inverse()(1, 1));
+  return resets_ == 0 ? std::numeric_limits<double>::infinity() : std::sqrt(known_.inverse()(1, 1));
 }
 
 std::optional<std::string> RigWatch::warning() const {

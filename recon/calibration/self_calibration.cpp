@@ -7,18 +7,19 @@
 #include <opencv2/calib3d.hpp>
 #include <optional>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/union_find.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/calibration/opencv_bridge.hpp"
-#include "recon/geometry/order_statistics.hpp"
-#include "recon/geometry/union_find.hpp"
 
 namespace fathom::calibration {
 namespace {
 
-using Sighting = Track::Sighting;
+using Sighting = RigTrack::Sighting;
 
-const Sighting* sightingIn(const Track& track, std::uint32_t pair, bool right) {
+const Sighting* sightingIn(const RigTrack& track, std::uint32_t pair, bool right) {
   for (const Sighting& s : track.sightings)
     if (s.pair == pair && s.right == right) return &s;
   return nullptr;
@@ -31,7 +32,7 @@ struct Match {
 
 std::vector<Match> matchesOf(const RigTracks& seen) {
   std::vector<Match> out;
-  for (const Track& track : seen.tracks)
+  for (const RigTrack& track : seen.tracks)
     for (const Sighting& s : track.sightings) {
       if (s.right) continue;
       if (const Sighting* right = sightingIn(track, s.pair, true)) out.push_back({s.pixel, right->pixel});
@@ -77,24 +78,24 @@ Start startOf(const RigTracks& seen, const std::vector<Match>& matches, double f
   return out;
 }
 
-constexpr std::size_t kFewestSightings = 3;  // of a point, or it tells nothing
+constexpr std::size_t kFewestSightings = 3;  // of a point that constrains the rig
 
-// Evenly some of the tracks that are long enough.
+// An even selection of the tracks that are long enough.
 RigTracks thinned(const RigTracks& seen, std::size_t most) {
   RigTracks out{seen.left, seen.right, seen.names, {}};
-  std::vector<const Track*> good;
-  for (const Track& track : seen.tracks)
+  std::vector<const RigTrack*> good;
+  for (const RigTrack& track : seen.tracks)
     if (track.sightings.size() >= kFewestSightings) good.push_back(&track);
   const std::size_t count = std::min(most, good.size());
   for (std::size_t k = 0; k < count; ++k) out.tracks.push_back(*good[k * good.size() / count]);
   return out;
 }
 
-// The pose of a pair whose left image shows points that are known.
+// Pose of a pair from points known in its left image.
 std::optional<SE3> poseFrom(const Camera& camera, const std::vector<cv::Point3d>& points,
                             const std::vector<cv::Point2d>& seen) {
   constexpr int kFewest = 20, kTrials = 1000;
-  constexpr double kAgree = 4.0, kConfidence = 0.9999;  // [px]; nothing is known well yet
+  constexpr double kAgree = 4.0, kConfidence = 0.9999;  // [px]; wide, as the rig is a first guess
   if (points.size() < kFewest) return std::nullopt;
   cv::Mat rotation, translation, matrix;
   std::vector<int> inliers;
@@ -108,7 +109,7 @@ std::optional<SE3> poseFrom(const Camera& camera, const std::vector<cv::Point3d>
                                                                : std::nullopt;
 }
 
-// Poses and points by a rig, pair after pair: as far as points known in the pairs before are seen again.
+// Poses and points by a rig, pair after pair, as far as points of earlier pairs are in view again.
 class Model {
  public:
   Model(const RigTracks& seen, const StereoRig& rig) : seen_(seen) {
@@ -123,14 +124,14 @@ class Model {
       bundle_.poses[pair].T_left_world = resected(pair).value_or(SE3());
       triangulate(pair);
     }
-    sight();
+    addSightings();
   }
 
   RigBundle& bundle() { return bundle_; }
 
-  // Sightings that fit within the threshold take part, of points with three of them; of a point that spans
-  // pairs which little joins, those of one side. The first pair of what is joined holds it in place. The
-  // number of sightings.
+  // Selects the sightings within the threshold, of points with at least three of them; of a point in several
+  // connected parts of the pairs, those of one part. The first pair of each part is fixed. Returns the number
+  // of sightings.
   std::size_t choose(double most_px) {
     for (RigBundle::Sighting& s : bundle_.sightings) s.used = bundle_.residual(s).norm() < most_px;
     needThree();
@@ -174,7 +175,7 @@ class Model {
     return used;
   }
 
-  // Pairs whose left images show enough points in common.
+  // Connected parts of the pairs: two are joined by enough common points of their left images.
   UnionFind joinedPairs() const {
     constexpr int kEnough = 15;
     const std::size_t pairs = bundle_.poses.size();
@@ -226,7 +227,7 @@ class Model {
     }
   }
 
-  void sight() {
+  void addSightings() {
     for (std::uint32_t k = 0; k < seen_.tracks.size(); ++k)
       if (point_[k] != kNone)
         for (const Sighting& s : seen_.tracks[k].sightings)
@@ -236,10 +237,10 @@ class Model {
   const RigTracks& seen_;
   RigBundle bundle_;                                 // sightings of a point after each other
   std::vector<std::uint32_t> point_;                 // of a track
-  std::vector<std::vector<std::uint32_t>> by_pair_;  // tracks that its left image shows
+  std::vector<std::vector<std::uint32_t>> by_pair_;  // tracks in its left image
 };
 
-// Adjusts, with fewer doubtful sightings each time. Sightings that fit.
+// Adjusts, with a tighter gate each time. Returns the number of sightings within the last.
 std::size_t refine(Model& model, const SelfCalibrationConfig& config, std::initializer_list<double> px) {
   std::size_t used = 0;
   for (const double most : px) {
@@ -267,7 +268,7 @@ RigCalibration calibrationOf(const RigTracks& seen, Model& model) {
     CalibratedView& view = views[pair];
     view.name = seen.names[pair];
     if (view.left.empty() && view.right.empty()) {
-      out.dropped.push_back({view.name, "nothing in it is seen in other pairs"});
+      out.dropped.push_back({view.name, "shows nothing that other pairs show"});
       continue;
     }
     view.distance = median(depths[pair]);
@@ -283,8 +284,8 @@ RigCalibration calibrationOf(const RigTracks& seen, Model& model) {
 RigCalibration selfCalibrate(const RigTracks& seen, double baseline, const SelfCalibrationConfig& config,
                              const std::string& source) {
   const std::vector<Match> matches = matchesOf(seen);
-  constexpr std::size_t kFewestMatches = 50;
-  if (matches.size() < kFewestMatches)
+  constexpr std::size_t kFewestPlaces = 50;
+  if (matches.size() < kFewestPlaces)
     throw InputError(source, "",
                      "left and right show only " + std::to_string(matches.size()) +
                          " places in common; are they pairs of one rig, taken at the same moments?");
@@ -312,7 +313,7 @@ RigCalibration selfCalibrate(const RigTracks& seen, double baseline, const SelfC
     best = model.bundle().rig;
   }
   if (!best) throw InputError(source, "", "no rig fits what left and right show");
-  // Once more from its cameras: pairs and points that a first guess lost.
+  // Again from its cameras, to gain pairs and points that the first guess lost.
   Model model(all, *best);
   refine(model, config, {8.0, config.gross_px, config.gross_px});
   const double sigma = median(model.residuals()) / std::sqrt(2 * std::numbers::ln2);  // Rayleigh
@@ -324,16 +325,16 @@ RigCalibration selfCalibrate(const RigTracks& seen, double baseline, const SelfC
                      "only " + std::to_string(joined) +
                          " pairs show the same ground as another one; at least " +
                          std::to_string(config.least_pairs) + " are needed");
-  constexpr double kDegrees = 180.0 / std::numbers::pi;
   const bool solved = bundleUncertainty(model.bundle(), config.bundle, out.sigma);
   const double focal = std::max(out.sigma.left.fx / out.rig.left.fx, out.sigma.right.fx / out.rig.right.fx);
   if (!solved || focal > config.most_focal_sigma || out.sigma.rotation.maxCoeff() > config.most_turn_sigma)
-    throw InputError(source, "",
-                     "the images do not tell the rig: " +
-                         (solved ? "focal length known to " + decimals(100 * focal, 1) + " %, turn to " +
-                                       decimals(kDegrees * out.sigma.rotation.maxCoeff(), 2) + " degrees"
-                                 : std::string("the system is singular")) +
-                         "; add pairs that overlap, with relief, tilt and turns, or calibrate with a board");
+    throw InputError(
+        source, "",
+        "the images do not determine the rig: " +
+            (solved ? "focal length known to " + decimals(100 * focal, 1) + " %, turn to " +
+                          decimals(kDegreesPerRadian * out.sigma.rotation.maxCoeff(), 2) + " degrees"
+                    : std::string("the system is singular")) +
+            "; add pairs that overlap, with relief, tilt and turns, or calibrate with a board");
   return out;
 }
 

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <tuple>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::closure {
@@ -38,7 +38,7 @@ Footprint footprintOf(const SE3& T_nav_cam, double range, const Camera& camera) 
 }
 
 double rangeToLevelGround(const SE3& T_nav_cam, double altitude) {
-  constexpr double kMinDown = 0.2;  // cosine from the vertical; flatter, the seafloor is out of reach
+  constexpr double kMinDown = 0.2;  // cosine from the vertical; flatter, the seafloor is out of range
   return altitude / std::max((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z(), kMinDown);
 }
 

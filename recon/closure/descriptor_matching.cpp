@@ -1,8 +1,6 @@
 #include "recon/closure/descriptor_matching.hpp"
 
 #include <algorithm>
-#include <bit>
-#include <cstring>
 #include <limits>
 
 #include "recon/closure/dot_kernels.hpp"
@@ -13,7 +11,7 @@ namespace {
 constexpr float kSamePlace = 4.0F;  // features so near are one place [px]
 constexpr float kNone = std::numeric_limits<float>::max();
 
-static_assert(kDotLength == 128, "values of a root-SIFT descriptor");
+static_assert(kDotLength == kDescriptorBytes);
 
 std::vector<std::int16_t> widened(const FrameFeatures& frame) {
   return {frame.descriptors.begin(), frame.descriptors.end()};
@@ -32,35 +30,6 @@ Eigen::VectorXf squares(const std::vector<std::int16_t>& values) {
     out(static_cast<Eigen::Index>(i)) = static_cast<float>(sum);
   }
   return out;
-}
-
-void euclidean(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
-  const std::vector<std::int16_t> x = widened(a), y = widened(b);
-  static const DotProducts products = fastestDotProducts();
-  products(x.data(), static_cast<int>(a.size()), y.data(), static_cast<int>(b.size()), distances.data());
-  const Eigen::VectorXf xx = squares(x), yy = squares(y);
-  for (Eigen::Index j = 0; j < distances.cols(); ++j)
-    distances.col(j) = (xx.array() + yy(j)) - 2 * distances.col(j).array();
-}
-
-void hamming(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
-  constexpr std::size_t kWords = 8;  // the longest has 64 bytes
-  const std::size_t bytes = descriptorBytes(a.kind), words = (bytes + 7) / 8;
-  const auto load = [&](const FrameFeatures& f, std::size_t i, std::uint64_t(&to)[kWords]) {
-    std::fill(std::begin(to), std::end(to), 0U);
-    std::memcpy(to, f.descriptor(i), bytes);
-  };
-  for (std::size_t j = 0; j < b.size(); ++j) {
-    std::uint64_t y[kWords], x[kWords];
-    load(b, j, y);
-    for (std::size_t i = 0; i < a.size(); ++i) {
-      load(a, i, x);
-      int bits = 0;
-      for (std::size_t w = 0; w < words; ++w) bits += std::popcount(x[w] ^ y[w]);
-      distances(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
-          static_cast<float>(bits) * static_cast<float>(bits);
-    }
-  }
 }
 
 bool samePlace(const Feature& a, const Feature& b) {
@@ -91,10 +60,12 @@ struct Ranking {
 void descriptorDistances(const FrameFeatures& a, const FrameFeatures& b, Eigen::MatrixXf& distances) {
   distances.resize(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
   if (distances.size() == 0) return;
-  if (a.kind == DescriptorKind::kRootSift)
-    euclidean(a, b, distances);
-  else
-    hamming(a, b, distances);
+  const std::vector<std::int16_t> x = widened(a), y = widened(b);
+  static const DotProducts products = fastestDotProducts();
+  products(x.data(), static_cast<int>(a.size()), y.data(), static_cast<int>(b.size()), distances.data());
+  const Eigen::VectorXf xx = squares(x), yy = squares(y);
+  for (Eigen::Index j = 0; j < distances.cols(); ++j)
+    distances.col(j) = (xx.array() + yy(j)) - 2 * distances.col(j).array();
 }
 
 std::vector<float> nearestElsewhere(const FrameFeatures& frame) {

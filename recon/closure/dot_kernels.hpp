@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-#include "recon/geometry/instruction_sets.hpp"
+#include "realtime/base/numbers/instruction_sets.hpp"
 
 namespace fathom::closure {
 

@@ -1,5 +1,5 @@
-// Included once for each instruction set, with FATHOM_KERNELS its namespace. Uses nothing inline from
-// elsewhere, so that the linker cannot take another file's function from the AVX2 build.
+// Included once for each instruction set, with FATHOM_KERNELS its namespace. Calls no inline function of
+// another header: the linker could take its AVX2 build for other objects.
 #include "recon/closure/dot_kernels.hpp"
 
 namespace fathom::closure::FATHOM_KERNELS {

@@ -10,31 +10,27 @@
 #include <string>
 #include <tuple>
 
-#include "recon/closure/feature_slot.hpp"
-#include "recon/geometry/image_mask.hpp"
+#include "recon/geometry/image_view.hpp"
 
 namespace fathom::closure {
 namespace {
 
-constexpr int kCellsAcross = 8, kCellsDown = 6;  // each gets its share of the features first
-constexpr float kOrbScale = 1.2F;                // from one image size of ORB to the next
-constexpr double kSurplus = 1.5;  // features detected for one kept: not all are found in stereo
-
-void require(bool holds, const char* what) {
-  if (!holds) throw std::invalid_argument(std::string("closure features: ") + what);
-}
+constexpr float kOrbScale = 1.2F;  // from one image size of ORB to the next
+constexpr double kSurplus = 1.5;   // features detected for each one kept: not all are found in stereo
 
 bool isWindow(int edge) {
   return edge >= 5 && edge <= 31 && edge % 2 == 1;
 }
 
-void validate(const StereoRig& rig, const FeatureConfig& c) {
+void validateFeatures(const StereoRig& rig, const FeatureConfig& c) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(std::string("closure features: ") + what);
+  };
   for (const Camera* camera : {&rig.left, &rig.right}) {
     require(camera->width >= 1 && camera->height >= 1, "the rig has no image size");
     require(camera->fx > 0 && camera->fy > 0, "the rig has no focal length");
   }
   require(rig.baseline() > 0, "the rig has no baseline");
-  require(descriptorBytes(c.kind) > 0, "unknown descriptor");
   require(c.max_features >= 1 && c.max_features <= static_cast<int>(kMaxSlotFeatures),
           "max_features must be 1 to 65535");
   require(c.max_width >= 64, "max_width must be at least 64 px");
@@ -52,33 +48,11 @@ bool fits(const ImageView& image, const Camera& camera) {
          image.stride >= static_cast<std::size_t>(image.width);
 }
 
-// Thresholds are low, so that poor images give features too; thinning keeps the strongest.
-cv::Ptr<cv::Feature2D> detectorOf(DescriptorKind kind, int wanted) {
-  constexpr double kSiftContrast = 0.02;  // of values 0 to 1
-  constexpr float kAkazeThreshold = 3e-4F;
-  constexpr int kBriskThreshold = 20, kFastThreshold = 7;  // [grey levels]
-  switch (kind) {
-    case DescriptorKind::kOrb:
-      return cv::ORB::create(3 * wanted, kOrbScale, 8, 31, 0, 2, cv::ORB::HARRIS_SCORE, 31, kFastThreshold);
-    case DescriptorKind::kAkaze:
-      return cv::AKAZE::create(cv::AKAZE::DESCRIPTOR_MLDB, 0, 3, kAkazeThreshold);
-    case DescriptorKind::kBrisk:
-      return cv::BRISK::create(kBriskThreshold);
-    case DescriptorKind::kRootSift:
-      break;
-  }
-  return cv::SIFT::create(0, 3, kSiftContrast);
-}
-
-// Where a key point truly lies, the centre of the top left pixel being (0, 0). OpenCV 4.6 shifts two kinds by
-// leaving the half pixels out when it goes from one image size to another: SIFT from the image of twice the
-// size in which it begins (corrected there in 4.8, "precise upscale"), ORB from each smaller image.
-Eigen::Vector2d placeOf(const cv::KeyPoint& p, DescriptorKind kind) {
-  constexpr double kSiftShift = 0.25;  // [px]
-  double shift = 0;
-  if (kind == DescriptorKind::kRootSift) shift = -kSiftShift;
-  if (kind == DescriptorKind::kOrb) shift = 0.5 * (std::pow(static_cast<double>(kOrbScale), p.octave) - 1);
-  return {static_cast<double>(p.pt.x) + shift, static_cast<double>(p.pt.y) + shift};
+// The centre of a key point, pixel (0, 0) being the centre of the top left one. OpenCV 4.6 shifts key points
+// of SIFT by leaving the half pixel out when it doubles the image (corrected in 4.8, "precise upscale").
+Eigen::Vector2d placeOf(const cv::KeyPoint& p) {
+  constexpr double kSiftShift = -0.25;  // [px]
+  return {static_cast<double>(p.pt.x) + kSiftShift, static_cast<double>(p.pt.y) + kSiftShift};
 }
 
 // The strongest, an equal share of every cell of the image first. Keeps the order by strength, ties by place.
@@ -112,9 +86,34 @@ void rootSift(const float* histogram, std::uint8_t* out) {
   }
 }
 
-// A camera in the same place that looks at the seafloor at right angles: its image is the seafloor's own, to
-// scale, whatever the true one's slant. It has the small image's resolution of the ground where that is in
-// the middle of the image.
+// False, and nothing is added, where the point has no positive definite covariance in single precision.
+bool addFeature(const StereoMatcher& matcher, const Eigen::Vector2d& left, const StereoMatch& match,
+                double place_sigma, float size, std::vector<Feature>& features) {
+  const Eigen::Matrix3f c = matcher.pointCovariance(left, match, place_sigma).cast<float>();
+  if (!(c.determinant() > 0)) return false;
+  features.push_back({left.cast<float>(),
+                      match.right.cast<float>(),
+                      match.point.cast<float>(),
+                      {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)},
+                      size});
+  return true;
+}
+
+// False when the rays do not meet within the limits.
+bool triangulateGiven(const StereoFeature& f, const StereoRig& rig, const GivenFeatureLimits& limits,
+                      StereoMatch& match) {
+  match.right = f.right.cast<double>();
+  const double sigma = static_cast<double>(f.match_sigma);
+  match.covariance = sigma * sigma * Eigen::Matrix2d::Identity();
+  double gap = 0;
+  if (!triangulatePixels(rig, f.left.cast<double>(), match.right, match.point, gap)) return false;
+  const double z = match.point.z();
+  return z >= limits.depths.nearest && z <= limits.depths.farthest &&
+         gap * rig.left.fx / z <= limits.max_epipolar_distance;
+}
+
+// The view of a virtual camera at the same place that looks at the seafloor at right angles: the seafloor to
+// scale, whatever the true camera's slant. It has the small image's ground resolution at the middle of that.
 class FromAbove {
  public:
   FromAbove(const Camera& camera, int shrink, const Eigen::Vector3d& ground)
@@ -122,7 +121,7 @@ class FromAbove {
         shrink_(shrink),
         turn_(Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), ground)),
         focal_(camera.fx / shrink * ground.z()) {
-    // What the image's border shows, but for what it sees nearly edge-on.
+    // The bounds of the image's border on the ground, limited where it is nearly edge-on.
     constexpr int kSteps = 16;
     Eigen::Vector2d low = Eigen::Vector2d::Constant(INFINITY), high = -low;
     for (int i = 0; i <= kSteps; ++i)
@@ -138,7 +137,7 @@ class FromAbove {
              std::max(1, static_cast<int>(focal_ * (high - low).y()))};
   }
 
-  // Outside of the image that the camera took: -1.
+  // In the camera's image; (-1, -1) outside.
   [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
     Eigen::Vector3d ray;
     ray << low_ + place / focal_, 1;
@@ -166,22 +165,20 @@ class FromAbove {
   cv::Size size_;
 };
 
-// Cosine of the principal ray from the seafloor's normal: below the first, features are sought from above;
-// below the second a camera looks along the seafloor rather than at it.
+// Cosine of the angle from the seafloor's normal to the principal ray: below kSlant the image is rectified to
+// a view from above; below kGrazing the camera looks along the seafloor, and it is not.
 constexpr double kSlant = 0.91, kGrazing = 0.26;
 
 }  // namespace
 
 struct FeatureExtractor::Impl {
-  Impl(const StereoRig& r, const FeatureConfig& c)
-      : rig(r), config(c), matcher(r, c.stereo), detector(detectorOf(c.kind, c.max_features)) {
+  Impl(const StereoRig& r, const FeatureConfig& c) : rig(r), config(c), matcher(r, c.stereo) {
     while (rig.left.width / shrink > config.max_width) shrink *= 2;
-    result.kind = c.kind;
   }
   void ended(const char* stage) const {
     if (observer) observer(stage);
   }
-  // Of the left image, for a place where features were sought.
+  // Pixel of the left image for a place in the image of the detector.
   [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
     const Eigen::Vector2d half(0.5, 0.5);  // centres: x + 1/2 of the small image is shrink (x + 1/2)
     return from_above ? from_above->pixelOf(place) : Eigen::Vector2d(shrink * (place + half) - half);
@@ -190,10 +187,12 @@ struct FeatureExtractor::Impl {
   StereoRig rig;
   FeatureConfig config;
   StereoMatcher matcher;
-  cv::Ptr<cv::Feature2D> detector;
+  // The threshold is low, so that poor images give features too; thinning keeps the strongest.
+  static constexpr double kContrast = 0.02;  // of values 0 to 1
+  cv::Ptr<cv::Feature2D> detector = cv::SIFT::create(0, 3, kContrast);
   int shrink = 1;
-  std::vector<cv::KeyPoint> points, seen;  // found by the detector; and found in the right image too
-  std::vector<Feature> places;             // of `seen`
+  std::vector<cv::KeyPoint> points, matched;  // found by the detector; found in the right image too
+  std::vector<Feature> places;                // of `matched`
   std::optional<FromAbove> from_above;
   cv::Mat small, above, descriptors;
   FrameFeatures result;
@@ -201,7 +200,7 @@ struct FeatureExtractor::Impl {
 };
 
 FeatureExtractor::FeatureExtractor(const StereoRig& rig, const FeatureConfig& config) {
-  validate(rig, config);
+  validateFeatures(rig, config);
   impl_ = std::make_unique<Impl>(rig, config);
 }
 
@@ -223,8 +222,7 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
 const FrameFeatures& FeatureExtractor::process(const ImageView& left, const ImageView& right,
                                                const DepthRange& depths, const Eigen::Vector3d& ground) {
   Impl& m = *impl_;
-  m.result.features.clear();
-  m.result.descriptors.clear();
+  m.result.clear();
   const DepthRange range{std::max(depths.nearest, m.config.depths.nearest),
                          std::min(depths.farthest, m.config.depths.farthest)};
   if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !(range.nearest < range.farthest))
@@ -240,57 +238,67 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
     m.from_above.emplace(m.rig.left, m.shrink, ground);
     m.from_above->draw(m.small, m.above);
   }
-  const cv::Mat& seen_so = m.from_above ? m.above : m.small;
+  const cv::Mat& view = m.from_above ? m.above : m.small;
   const auto wanted = static_cast<std::size_t>(m.config.max_features);
-  m.detector->detect(seen_so, m.points);
+  m.detector->detect(view, m.points);
   if (left.mask != nullptr)
     std::erase_if(m.points, [&](const cv::KeyPoint& p) {
       const double radius = 0.5 * m.shrink * static_cast<double>(p.size);
-      return left.mask->hides(m.pixelOf(placeOf(p, m.config.kind)), radius);
+      return left.mask->hides(m.pixelOf(placeOf(p)), radius);
     });
-  thin(m.points, seen_so.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
+  thin(m.points, view.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
   m.ended("detect");
 
-  // Only what both cameras see is worth describing.
-  m.seen.clear();
+  // Features seen by both cameras alone are described.
+  m.matched.clear();
   m.places.clear();
   for (const cv::KeyPoint& p : m.points) {
-    if (m.seen.size() == wanted) break;
-    const Eigen::Vector2d pixel = m.pixelOf(placeOf(p, m.config.kind));
+    if (m.matched.size() == wanted) break;
+    const Eigen::Vector2d pixel = m.pixelOf(placeOf(p));
     StereoMatch found;
     if (!m.matcher.match(left, right, pixel, range, found)) continue;
     if (right.mask != nullptr && right.mask->hides(found.right, m.config.stereo.refine_window / 2)) continue;
     const double size = static_cast<double>(p.size);
     const double sigma = m.shrink * (m.config.place_sigma + m.config.place_sigma_per_size * size);
-    const Eigen::Matrix3f c = m.matcher.pointCovariance(pixel, found, sigma).cast<float>();
-    if (!(c.determinant() > 0)) continue;
-    m.places.push_back({pixel.cast<float>(),
-                        found.right.cast<float>(),
-                        found.point.cast<float>(),
-                        {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)},
-                        static_cast<float>(m.shrink * size)});
-    m.seen.push_back(p);
-    if (m.config.kind != DescriptorKind::kAkaze) m.seen.back().class_id = static_cast<int>(m.seen.size()) - 1;
+    if (!addFeature(m.matcher, pixel, found, sigma, static_cast<float>(m.shrink * size), m.places)) continue;
+    m.matched.push_back(p);
+    m.matched.back().class_id = static_cast<int>(m.matched.size()) - 1;
   }
   m.ended("stereo");
 
-  if (!m.seen.empty()) m.detector->compute(seen_so, m.seen, m.descriptors);
-  const std::size_t bytes = descriptorBytes(m.config.kind);
-  for (std::size_t i = 0; i < m.seen.size(); ++i) {
-    // Kinds that drop points near the border or change their order keep the number; AKAZE, which keeps the
-    // level in it, does neither.
-    const std::size_t place =
-        m.config.kind == DescriptorKind::kAkaze ? i : static_cast<std::size_t>(m.seen[i].class_id);
-    m.result.features.push_back(m.places[place]);
-    m.result.descriptors.resize(m.result.size() * bytes);
-    std::uint8_t* out = m.result.descriptors.data() + i * bytes;
-    if (m.config.kind == DescriptorKind::kRootSift)
-      rootSift(m.descriptors.ptr<float>(static_cast<int>(i)), out);
-    else
-      std::copy_n(m.descriptors.ptr(static_cast<int>(i)), bytes, out);
+  if (!m.matched.empty()) m.detector->compute(view, m.matched, m.descriptors);
+  // The detector may change the order of key points, or drop some; class_id keeps their numbers.
+  m.result.descriptors.resize(m.matched.size() * kDescriptorBytes);
+  for (std::size_t i = 0; i < m.matched.size(); ++i) {
+    m.result.features.push_back(m.places[static_cast<std::size_t>(m.matched[i].class_id)]);
+    rootSift(m.descriptors.ptr<float>(static_cast<int>(i)),
+             m.result.descriptors.data() + i * kDescriptorBytes);
   }
   m.ended("describe");
   return m.result;
+}
+
+FrameFeatures featuresFrom(const StereoFeatureFrame& frame, const StereoRig& rig,
+                           const GivenFeatureLimits& limits) {
+  FrameFeatures features;
+  featuresFrom(frame, rig, limits, features);
+  return features;
+}
+
+void featuresFrom(const StereoFeatureFrame& frame, const StereoRig& rig, const GivenFeatureLimits& limits,
+                  FrameFeatures& features) {
+  features.clear();
+  if (frame.width != rig.left.width || frame.height != rig.left.height) return;
+  const StereoMatcher matcher(rig, {});
+  for (const StereoFeature& f : frame.features) {
+    if (static_cast<int>(features.size()) >= limits.max_features) break;
+    StereoMatch match;
+    if (!triangulateGiven(f, rig, limits, match)) continue;
+    if (!addFeature(matcher, f.left.cast<double>(), match, static_cast<double>(f.place_sigma), f.size,
+                    features.features))
+      continue;
+    features.descriptors.insert(features.descriptors.end(), f.descriptor.begin(), f.descriptor.end());
+  }
 }
 
 }  // namespace fathom::closure

@@ -4,45 +4,64 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
+#include <tuple>
 #include <vector>
+
+#include "recon/geometry/stereo_feature_frame.hpp"
 
 namespace fathom::closure {
 
-// How the surroundings of a feature are described. The numbers are stored: never change them.
-enum class DescriptorKind : std::uint8_t {
-  kRootSift = 1,  // 128 values of 8 bits: square roots of a SIFT histogram of sum 1 (Arandjelovic 2012)
-  kOrb = 2,       // 256 bits
-  kAkaze = 3,     // 486 bits (MLDB)
-  kBrisk = 4,     // 512 bits
-};
+// Of a root-SIFT descriptor.
+constexpr std::size_t kDescriptorBytes = std::tuple_size_v<RootSift>;
 
-[[nodiscard]] std::size_t descriptorBytes(DescriptorKind kind);
+// Cells of the left image: features are spread over them, and coverage counts those with inliers.
+constexpr int kCellsAcross = 8, kCellsDown = 6;
 
-// A place that is seen by both cameras of one stereo frame.
+// A place that both cameras of one stereo frame see.
 struct Feature {
   Eigen::Vector2f left, right;      // distorted pixels
   Eigen::Vector3f point;            // left camera frame [m]
-  std::array<float, 6> covariance;  // of the point: xx, xy, xz, yy, yz, zz [m^2]; its place in the left image
-                                    // counts as uncertain by what another view would find it to be
+  std::array<float, 6> covariance;  // of the point: xx, xy, xz, yy, yz, zz [m^2]; includes the uncertainty of
+                                    // its place in the left image from view to view
   float size;                       // diameter of what is described [px of the left image]
 
   [[nodiscard]] Eigen::Matrix3d covarianceMatrix() const;
 };
 
-// What one stereo frame is remembered by.
+// Features of one stereo frame, as kept for later registration.
 struct FrameFeatures {
-  DescriptorKind kind = DescriptorKind::kRootSift;
   std::vector<Feature> features;
-  std::vector<std::uint8_t> descriptors;  // descriptorBytes(kind) for each feature
+  std::vector<std::uint8_t> descriptors;  // kDescriptorBytes for each feature
 
   [[nodiscard]] std::size_t size() const { return features.size(); }
   void reserve(std::size_t most) {
     features.reserve(most);
-    descriptors.reserve(most * descriptorBytes(kind));
+    descriptors.reserve(most * kDescriptorBytes);
+  }
+  void clear() {
+    features.clear();
+    descriptors.clear();
   }
   [[nodiscard]] const std::uint8_t* descriptor(std::size_t i) const {
-    return descriptors.data() + i * descriptorBytes(kind);
+    return descriptors.data() + i * kDescriptorBytes;
   }
 };
+
+// One frame's features as a block of fixed size, for a preallocated file of equal slots:
+//   u32 magic "FCL1", u8 kind, u8 zero, u16 count, count records, then zeros up to the slot's size.
+// A record: left x y, right x y, point x y z, covariance of 6, size (14 f32), then the descriptor. Little
+// endian. 600 features: 110,408 bytes.
+constexpr std::size_t kMaxSlotFeatures = 65535;
+constexpr std::uint8_t kSlotKind = 1;  // root-SIFT, in slots and saved state
+
+[[nodiscard]] std::size_t slotBytes(std::size_t max_features);
+
+// False, leaving `slot` as it was, when the features do not fit in.
+[[nodiscard]] bool writeSlot(const FrameFeatures& frame, std::span<std::uint8_t> slot);
+
+// False, leaving `frame` empty, for bytes that are no slot: wrong magic, unknown kind, a count beyond the
+// block, numbers that are not finite, points not in front of the camera, covariances not positive.
+[[nodiscard]] bool readSlot(std::span<const std::uint8_t> slot, FrameFeatures& frame);
 
 }  // namespace fathom::closure

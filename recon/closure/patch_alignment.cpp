@@ -6,18 +6,7 @@
 namespace fathom::closure {
 namespace {
 
-constexpr double kFlat = 4.0;         // variance of a window without texture [grey levels^2]
-constexpr double kMatchFloor = 0.03;  // least standard deviation of a match [px]: interpolation, lens model
-constexpr double kEdge = 1e-3;        // determinant of H, by the square of its trace
-
-const std::uint8_t* rowOf(const ImageView& image, int y) {
-  return static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
-}
-
-bool holds(const ImageView& image, const Eigen::Vector2d& p, double reach) {
-  return p.x() >= reach + 1 && p.y() >= reach + 1 && p.x() < image.width - reach - 2 &&
-         p.y() < image.height - reach - 2;
-}
+constexpr double kEdge = 1e-3;  // determinant of H, by the square of its trace
 
 double sample(const ImageView& image, double x, double y) {
   const int ix = static_cast<int>(x), iy = static_cast<int>(y);
@@ -28,6 +17,15 @@ double sample(const ImageView& image, double x, double y) {
 
 }  // namespace
 
+const std::uint8_t* rowOf(const ImageView& image, int y) {
+  return static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
+}
+
+bool holdsWindow(const ImageView& image, const Eigen::Vector2d& pixel, double reach) {
+  return pixel.x() >= reach + 1 && pixel.y() >= reach + 1 && pixel.x() < image.width - reach - 2 &&
+         pixel.y() < image.height - reach - 2;
+}
+
 PatchAligner::PatchAligner(int window) : half_(window / 2), values_(window * window) {
   if (window < 3 || window > kMostWindow || window % 2 == 0)
     throw std::invalid_argument("patch alignment: the window must be odd, 3 to 31 px");
@@ -37,7 +35,7 @@ PatchAligner::PatchAligner(int window) : half_(window / 2), values_(window * win
 // step is H^-1 sum g (gain^-1 R - T).
 bool PatchAligner::take(const ImageView& image, const Eigen::Vector2d& centre, const Eigen::Matrix2d& warp) {
   const double reach = (half_ + 1) * warp.cwiseAbs().rowwise().sum().maxCoeff() - 1;
-  if (!holds(image, centre, reach)) return false;
+  if (!holdsWindow(image, centre, reach)) return false;
   const auto seen = [&](double x, double y) {
     const Eigen::Vector2d p = centre + warp * Eigen::Vector2d(x, y);
     return sample(image, p.x(), p.y());
@@ -62,7 +60,7 @@ bool PatchAligner::take(const ImageView& image, const Eigen::Vector2d& centre, c
     power_ += model_[at] * model_[at];
     along += model_[at] * gradient_[at];
   }
-  if (power_ <= kFlat * values_) return false;
+  if (power_ <= kFlatVariance * values_) return false;
   Eigen::Matrix2d h = Eigen::Matrix2d::Zero();
   for (int k = 0; k < values_; ++k) {
     const auto at = static_cast<std::size_t>(k);
@@ -78,12 +76,12 @@ bool PatchAligner::find(const ImageView& image, double most_shift, Eigen::Vector
                         Eigen::Matrix2d& covariance) const {
   constexpr int kMaxIterations = 12;
   constexpr double kConverged = 0.005;  // [px]
-  constexpr double kLeastGain = 0.2;    // less, or inverted: not the same place
+  constexpr double kLeastGain = 0.2;    // below, or negative: another place
   const int side = 2 * half_ + 1;
   const Eigen::Vector2d start = at;
   std::array<double, kMostValues> seen;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    if (!holds(image, at, half_)) return false;
+    if (!holdsWindow(image, at, half_)) return false;
     double seen_mean = 0;
     for (int k = 0; k < values_; ++k) {
       double& value = seen[static_cast<std::size_t>(k)];
@@ -106,7 +104,7 @@ bool PatchAligner::find(const ImageView& image, double most_shift, Eigen::Vector
     if (!((at - start).norm() < most_shift)) return false;
     if (step.norm() < kConverged) {
       covariance =
-          residual / (values_ - 4) * inverse_ + kMatchFloor * kMatchFloor * Eigen::Matrix2d::Identity();
+          residual / (values_ - 4) * inverse_ + kMatchFloor_px * kMatchFloor_px * Eigen::Matrix2d::Identity();
       return true;
     }
   }

@@ -7,12 +7,11 @@
 #include <stdexcept>
 #include <tuple>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 
 namespace fathom::closure {
 namespace {
 
-constexpr int kValues = 128;  // of a root-SIFT descriptor
 constexpr std::uint32_t kTag = rt::stateTag("PLAC"), kVersion = 1;
 constexpr std::size_t kWords = std::size_t{1} << PlaceIndex::kWordBits;
 constexpr double kScore = 16;  // steps of a score in one bit of information
@@ -24,9 +23,9 @@ constexpr double kScore = 16;  // steps of a score in one bit of information
 std::vector<std::int16_t> planes(int bits) {
   constexpr int kSide = 4, kTurns = 8;
   std::mt19937 random(20101);
-  std::vector<std::int16_t> signs(static_cast<std::size_t>(bits) * kValues, 0);
+  std::vector<std::int16_t> signs(static_cast<std::size_t>(bits) * kDescriptorBytes, 0);
   for (int bit = 0; bit < bits; ++bit) {
-    std::int16_t* w = signs.data() + static_cast<std::ptrdiff_t>(bit) * kValues;
+    std::int16_t* w = signs.data() + static_cast<std::ptrdiff_t>(bit) * kDescriptorBytes;
     for (int row = 0; row < kSide / 2; ++row)
       for (int column = 0; column < kSide; ++column)
         for (int turn = 0; turn < kTurns; ++turn) {
@@ -85,27 +84,19 @@ std::size_t PlaceIndex::memoryBytes() const {
                            sizeof(Id) + sizeof(Place));
 }
 
-std::int32_t PlaceIndex::slotOf(int id) const {
-  const auto at =
-      std::lower_bound(ids_.begin(), ids_.end(), id, [](const Id& x, int wanted) { return x.id < wanted; });
-  return at != ids_.end() && at->id == id ? at->slot : -1;
-}
-
 std::size_t PlaceIndex::featuresOf(const FrameFeatures& frame) const {
   const auto count = std::min(frame.size(), static_cast<std::size_t>(config_.features));
-  const bool good =
-      frame.kind == DescriptorKind::kRootSift && count >= static_cast<std::size_t>(config_.least_features);
-  return good ? count : 0;
+  return count >= static_cast<std::size_t>(config_.least_features) ? count : 0;
 }
 
 void PlaceIndex::code(const std::uint8_t* descriptor, Code& code) const {
-  std::array<std::int16_t, kValues> x;
-  std::copy_n(descriptor, kValues, x.begin());
+  std::array<std::int16_t, kDescriptorBytes> x;
+  std::copy_n(descriptor, kDescriptorBytes, x.begin());
   std::array<std::int32_t, kWordBits + kSignatureBits> side{};
   for (std::size_t bit = 0; bit < side.size(); ++bit) {
-    const std::int16_t* w = planes_.data() + bit * kValues;
+    const std::int16_t* w = planes_.data() + bit * kDescriptorBytes;
     std::int32_t sum = 0;
-    for (std::size_t k = 0; k < kValues; ++k) sum += w[k] * x[k];
+    for (std::size_t k = 0; k < kDescriptorBytes; ++k) sum += w[k] * x[k];
     side[bit] = sum;
   }
   code = {};
@@ -185,7 +176,7 @@ void PlaceIndex::remove(int id) {
   ids_.erase(at);
 }
 
-// Of the words that differ from the code's own in bits of which it is least sure.
+// The code's word with some of its least sure bits flipped.
 PlaceIndex::Word PlaceIndex::wordLike(const Code& code, unsigned flips) {
   Word word = code.word;
   for (unsigned k = 0; k < kProbeBits; ++k)
@@ -193,7 +184,7 @@ PlaceIndex::Word PlaceIndex::wordLike(const Code& code, unsigned flips) {
   return word;
 }
 
-// The slots that have a match of one feature, each once, and what that is worth.
+// Collects the slots matched by one feature, each once, and adds the match's worth to their scores.
 void PlaceIndex::countMatches(const Code& code) {
   matched_.clear();
   for (unsigned flips = 0; flips < 1U << kProbeBits; ++flips) {
@@ -253,7 +244,7 @@ std::span<const PlaceIndex::Place> PlaceIndex::query(const FrameFeatures& frame,
   return {best_.data(), kept};
 }
 
-// Each list as it is linked, the newest block first.
+// Each list in the order of its links, the newest block first.
 void PlaceIndex::save(rt::StateWriter& writer) const {
   writer.section(kTag, kVersion, [&] {
     writer.bounded(ids_, ids_.capacity());

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "recon/closure/frame_features.hpp"
 
 namespace fathom::closure {
@@ -15,43 +15,41 @@ namespace fathom::closure {
 struct PlaceIndexConfig {
   int max_places = 12000;    // frames
   int features = 200;        // of a frame, the first, which are the strongest
-  int compared = 1'500'000;  // signatures that a query looks at, at most
-  int least_features = 15;   // of a frame, below which it is no place
+  int compared = 1'500'000;  // signatures that a query compares, at most
+  int least_features = 15;   // of a frame; with fewer it is not indexed
 };
 
-// Which frames may show the same place as another one, by their root-SIFT descriptors alone: no pose, no
-// training, whatever the heading (descriptors turn with the image).
+// Index of frames that may show the same place as a query, by their root-SIFT descriptors alone: without pose
+// or training, at any heading (descriptors turn with the image).
 //
 // An inverted file with Hamming embedding (Jegou, Douze & Schmid 2008): each descriptor x becomes a word and
 // a signature, the signs of w . x for kWordBits and kSignatureBits fixed pseudo-random hyperplanes w that
 // have no bias to one side (place_index.cpp). Two descriptors match when their words are alike and their
-// signatures differ in at most kMostDifferent bits; a query looks into the words that differ from its own in
-// the bits which are nearest to a change. A match counts as much as it is rare, log2 (places / matches of
-// that feature): ripples match everywhere and tell nothing.
+// signatures differ in at most kMostDifferent bits; a query searches the words that differ from its own in
+// the bits which are nearest to a change. A match scores by its rarity, log2 (places / matches of that
+// feature): ripples match everywhere and score nothing.
 //
-// Fixed memory: 10 bytes a feature and the part of a block left empty by each word. A query looks at a
-// bounded number of signatures, those of the rarest words first. Same places, whatever the order in which
-// they came and others went: same result.
+// Fixed memory: 10 bytes a feature and the part of a block left empty by each word. A query compares a
+// bounded number of signatures, those of the rarest words first. The result depends on the places held alone,
+// not on the order of their additions and removals.
 class PlaceIndex {
  public:
   static constexpr int kWordBits = 14, kSignatureBits = 44, kMostDifferent = 9;
 
   explicit PlaceIndex(const PlaceIndexConfig& config);
 
-  // Ids must rise. False, and nothing is added: it is full, or the frame has too few features or others than
-  // root-SIFT.
+  // Ids must rise. False, and nothing is added, when the index is full or the frame has too few features.
   bool add(int id, const FrameFeatures& frame);
-  // Nothing happens when it is not there.
+  // No effect for an unknown id.
   void remove(int id);
-  [[nodiscard]] bool has(int id) const { return slotOf(id) >= 0; }
   [[nodiscard]] std::size_t size() const { return ids_.size(); }
 
   struct Place {
     int id = 0;
     int score = 0;  // sum of log2 (places / matches), in 1/16
   };
-  // The best, at most `most`, of those that are `wanted`, the best first, of equals the newer. Valid until
-  // the next call.
+  // The best `most` places of those that are `wanted`, the best first, of equals the newer. Valid until the
+  // next call.
   [[nodiscard]] std::span<const Place> query(const FrameFeatures& frame, std::size_t most,
                                              const std::function<bool(int id)>& wanted);
 
@@ -66,7 +64,8 @@ class PlaceIndex {
   // The signature above, the slot below.
   using Entry = std::uint64_t;
   static constexpr int kSlotBits = 64 - kSignatureBits;
-  static constexpr int kProbeBits = 4;  // of a word: those nearest to a change, which a query tries both ways
+  static constexpr int kProbeBits =
+      4;  // of a word: those nearest to a change, which a query tries with both values
   static constexpr Entry kSlots = (Entry{1} << kSlotBits) - 1;
   static constexpr std::size_t kBlockEntries = 15;
   struct Block {
@@ -84,11 +83,10 @@ class PlaceIndex {
     std::int32_t slot = 0;
   };
   struct Turn {
-    std::int64_t length = 0;  // of the lists that a feature looks into
+    std::int64_t length = 0;  // of the lists that a feature searches
     std::int32_t feature = 0;
   };
 
-  [[nodiscard]] std::int32_t slotOf(int id) const;
   [[nodiscard]] std::size_t featuresOf(const FrameFeatures& frame) const;
   void put(Word word, Entry entry);
   void take(Word word, std::int32_t slot);
@@ -106,12 +104,12 @@ class PlaceIndex {
   std::vector<std::uint16_t> counts_;          // of each slot
   std::vector<std::int32_t> free_slots_;
   std::vector<Id> ids_;  // rising
-  // Of a query.
+  // Scratch memory of a query.
   std::vector<Code> codes_;
   std::vector<Turn> turns_;
   std::vector<std::int32_t> scores_;   // by slot
-  std::vector<std::uint8_t> is_met_;   // by slot: it has a match of the present feature
-  std::vector<std::int32_t> matched_;  // slots that have
+  std::vector<std::uint8_t> is_met_;   // by slot: matched by the present feature
+  std::vector<std::int32_t> matched_;  // slots matched by the present feature
   std::vector<Place> best_;
 };
 

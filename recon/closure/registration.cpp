@@ -11,11 +11,10 @@
 namespace fathom::closure {
 namespace {
 
-void require(bool holds, const char* what) {
-  if (!holds) throw std::invalid_argument(std::string("registration: ") + what);
-}
-
-void validate(const RegistrationConfig& c) {
+void validateRegistration(const RegistrationConfig& c) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(std::string("registration: ") + what);
+  };
   require(c.match.max_ratio > 0 && c.match.max_ratio <= 1, "max_ratio must be 0 to 1");
   require(c.match.near_tie_ratio > 0 && c.match.near_tie_ratio <= 1, "near_tie_ratio must be 0 to 1");
   require(c.match.max_alike >= 1, "max_alike must be at least 1");
@@ -32,7 +31,7 @@ bool usable(const RelativePrior& prior) {
          prior.covariance.diagonal().minCoeff() > 0;
 }
 
-// For the samples: three noisy points give a pose that is off by more than the final one.
+// Gate of sampled poses, which are noisier than the final one.
 bool nearPrior(const void* context, const SE3& T_a_b) {
   constexpr double kSampleSigma[2] = {0.2, 0.1};  // of a pose from three points [m, rad]
   constexpr double kGate = 22.46;                 // 99.9 % of chi-square with 6 degrees of freedom
@@ -73,7 +72,7 @@ struct Registrar::Impl {
 Refusal Registrar::Impl::estimate(const FrameFeatures& a, const FrameFeatures& b,
                                   const RelativePrior* prior) {
   const auto enough = static_cast<std::size_t>(config.min_inliers);
-  if (a.size() < enough || b.size() < enough || a.kind != b.kind) return Refusal::kNoFeatures;
+  if (a.size() < enough || b.size() < enough) return Refusal::kNoFeatures;
   masked = prior != nullptr;
   if (masked) maskByPrior(a, b, prior->T_a_b, prior->covariance, mask);
   descriptorDistances(a, b, distances);
@@ -97,8 +96,7 @@ Refusal Registrar::Impl::estimate(const FrameFeatures& a, const FrameFeatures& b
   return Refusal::kNone;
 }
 
-// All are computed, so that a report can show how far each is from its limit; the first that fails names the
-// refusal.
+// Computes all checks, so that a report can show the margin of each; the first that fails names the refusal.
 Refusal Registrar::Impl::check(const FrameFeatures& a, const FrameFeatures& b, const RelativePrior* prior) {
   const double gate = config.sample.gate * result.noise * result.noise;
   const Distinct distinct = distinctFeatures(a, b, distances, result.inliers, config.match.max_ratio);
@@ -122,7 +120,7 @@ Refusal Registrar::Impl::check(const FrameFeatures& a, const FrameFeatures& b, c
   if (sigma.head<3>().maxCoeff() > config.max_sigma_position ||
       sigma.tail<3>().maxCoeff() > config.max_sigma_angle)
     return Refusal::kVague;
-  // A rival explains what repeats, wherever; distinct features have one place each.
+  // A rival pose fits what repeats; distinct features fit one pose alone.
   if (result.distinct_inliers >= config.min_inliers) return Refusal::kNone;
   result.rival_share = rivalShare(pointPairs(rig, config.shared, a, b, matches.alike), matches.alike,
                                   result.T_a_b, gate, config.sample);
@@ -130,7 +128,7 @@ Refusal Registrar::Impl::check(const FrameFeatures& a, const FrameFeatures& b, c
 }
 
 Registrar::Registrar(const StereoRig& rig, const RegistrationConfig& config) {
-  validate(config);
+  validateRegistration(config);
   impl_ = std::make_unique<Impl>(rig, config);
 }
 

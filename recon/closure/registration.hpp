@@ -15,20 +15,20 @@
 
 namespace fathom::closure {
 
-using RelativePrior = UncertainPose;  // what is known of the relative pose before
+using RelativePrior = UncertainPose;  // of the relative pose, before registration
 
 enum class Refusal : std::uint8_t {
   kNone,
-  kNoFeatures,     // a frame has too few, or the two are of different kinds
+  kNoFeatures,     // a frame has too few
   kFewMatches,     // too few mutual matches
-  kNoPose,         // no pose that several matches share
+  kNoPose,         // no pose with several inliers
   kFewInliers,     // too few of the matches fit the pose
-  kLowShare,       // too few of the features that both frames should see
-  kNarrow,         // inliers fill a small part of the overlap only: one thing that looks like another
+  kLowShare,       // too small a share of the features in the overlap
+  kNarrow,         // inliers fill a small part of the overlap: one object that looks like another
   kChance,         // as many random matches could fit
-  kContradiction,  // disagrees with what was known, or that is not finite
-  kAmbiguous,      // another pose explains nearly as many look-alikes, and too little is distinct
-  kVague,          // the covariance is too large to be of use
+  kContradiction,  // contradicts the prior, or the prior is not finite
+  kAmbiguous,      // another pose fits nearly as many look-alikes, and too few features are distinct
+  kVague,          // too large a covariance
 };
 constexpr std::size_t kRefusals = 11;
 [[nodiscard]] std::string_view nameOf(Refusal refusal);
@@ -38,13 +38,13 @@ struct RegistrationConfig {
   SampleConfig sample;
   SharedErrors shared;
   int min_inliers = 15;
-  double min_inlier_share = 0.12;     // of the features that lie in the overlap (of the frame with fewer)
-  double min_coverage = 0.6;          // of the overlap's cells that hold features, those that hold inliers
+  double min_inlier_share = 0.12;     // of the features in the overlap (of the frame with fewer)
+  double min_coverage = 0.6;          // share of the overlap's cells with features that hold inliers
   double min_significance = 20;       // -log10 of the expected number of such poses among random matches
   double max_prior_distance = 22.46;  // squared Mahalanobis: 99.9 % of chi-square with 6 degrees of freedom
-  double max_rival_share = 0.3;       // inliers of another pose among look-alikes, by those of this one
-  // Neighbouring features share pixels and shading, so that they tell less than their number: variances are
-  // widened by this, as rendered surveys under moving lamps ask for.
+  double max_rival_share = 0.3;       // inliers of another pose among look-alikes over those of this one
+  // Neighbouring features share pixels and shading, so that their errors are correlated: covariances are
+  // inflated by this factor, measured on rendered surveys under moving lamps.
   double covariance_scale = 1.7;
   double max_sigma_position = 0.05;  // [m]
   double max_sigma_angle = 0.025;    // [rad]
@@ -54,21 +54,21 @@ struct Registration {
   Refusal refusal = Refusal::kNoFeatures;
   SE3 T_a_b;                                   // maps points of frame b's left camera into frame a's
   Matrix6d covariance = Matrix6d::Identity();  // of its right perturbation (rho, phi) [m, rad]
-  std::vector<Match> inliers;                  // features that the pose was made from
-  double noise = 1;                            // of the residuals by what the points claim
-  int matches = 0;                             // mutual best
-  int overlap_features = 0;                    // that both frames should see
-  int distinct_inliers = 0;                    // that look like nothing else in their own frame
+  std::vector<Match> inliers;                  // matches of the pose
+  double noise = 1;          // standard deviation of the residuals over that of the points' covariances
+  int matches = 0;           // mutual best
+  int overlap_features = 0;  // in the overlap of the frames
+  int distinct_inliers = 0;  // inliers without a look-alike in their own frame
   double share = 0, coverage = 0, distinct_coverage = 0, significance = 0, prior_distance = 0,
-         rival_share = 0;  // as tested
+         rival_share = 0;  // values of the checks
 
   [[nodiscard]] bool accepted() const { return refusal == Refusal::kNone; }
 };
 
-// The relative pose of two stereo frames from their features alone, or the reason why there is none:
+// Finds the relative pose of two stereo frames from their features alone, or the reason for the refusal:
 //   descriptors ─► mutual best, ratio ─► three-point samples ─► Cauchy ─► maximum likelihood ─► checks
-// after Mahon et al. 2008. For closures (wide or no prior) and for visual odometry (a narrow one, which then
-// also restricts the matches). Same input, same result.
+// after Mahon et al. 2008. For closures (wide or no prior) and for visual odometry (a narrow one). A prior
+// also restricts the matches. Same input, same result.
 class Registrar {
  public:
   // Throws std::invalid_argument for a configuration out of range.

@@ -6,14 +6,13 @@
 #include <cmath>
 #include <set>
 
-#include "recon/geometry/cross_matrix.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::closure {
 namespace {
 
-constexpr int kCellsAcross = 8, kCellsDown = 6;  // of the left image
-constexpr int kHeldCell = 3;                     // features of the overlap that make a cell count
+constexpr int kCountedCell = 3;  // least features of the overlap in a cell that counts
 
 using Cells = std::array<int, kCellsAcross * kCellsDown>;
 
@@ -21,8 +20,8 @@ double logChoose(double n, double k) {
   return std::lgamma(n + 1) - std::lgamma(k + 1) - std::lgamma(n - k + 1);
 }
 
-// Whether both cameras of the other frame see the point; `point` in its left camera frame.
-bool seen(const StereoRig& rig, const Eigen::Vector3d& point) {
+// Whether both cameras of a frame see a point of its left camera frame.
+bool isVisible(const StereoRig& rig, const Eigen::Vector3d& point) {
   constexpr double kMargin = 8;     // windows at the border find no match [px]
   constexpr double kNearest = 0.1;  // [m]
   if (point.z() < kNearest) return false;
@@ -62,21 +61,17 @@ std::vector<PointPair> pointPairs(const StereoRig& rig, const SharedErrors& shar
 
 double distanceFromPrior(const SE3& T_a_b, const Matrix6d& covariance, const SE3& prior,
                          const Matrix6d& prior_covariance) {
-  const SE3 difference = prior.inverse() * T_a_b;
-  const Eigen::AngleAxisd turn(difference.rotation());
-  Vector6d d;
-  d << difference.translation(), wrapAngle(turn.angle()) * turn.axis();
+  const Vector6d d = perturbation(prior, T_a_b);
   return d.dot((covariance + prior_covariance).ldlt().solve(d));
 }
 
-std::size_t maskByPrior(const FrameFeatures& a, const FrameFeatures& b, const SE3& prior,
-                        const Matrix6d& prior_covariance, PairMask& mask) {
+void maskByPrior(const FrameFeatures& a, const FrameFeatures& b, const SE3& prior,
+                 const Matrix6d& prior_covariance, PairMask& mask) {
   constexpr double kGate = 16.27;  // 99.9 % of chi-square with 3 degrees of freedom
-  // The points' own part: that of a is taken as b's, turned, which its depth and texture resemble.
+  // The covariance of a's point is taken as equal to b's, which is similar in depth and texture.
   constexpr double kBothPoints = 2;
   mask.resize(static_cast<Eigen::Index>(a.size()), static_cast<Eigen::Index>(b.size()));
   const Eigen::Matrix3d rotation = prior.matrix3();
-  std::size_t count = 0;
   for (std::size_t j = 0; j < b.size(); ++j) {
     const Eigen::Vector3d point = b.features[j].point.cast<double>();
     const Eigen::Vector3d expected = prior * point;
@@ -88,12 +83,9 @@ std::size_t maskByPrior(const FrameFeatures& a, const FrameFeatures& b, const SE
             .inverse();
     for (std::size_t i = 0; i < a.size(); ++i) {
       const Eigen::Vector3d e = a.features[i].point.cast<double>() - expected;
-      const bool near = e.dot(information * e) < kGate;
-      mask(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = near;
-      count += near ? 1 : 0;
+      mask(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = e.dot(information * e) < kGate;
     }
   }
-  return count;
 }
 
 Distinct distinctFeatures(const FrameFeatures& a, const FrameFeatures& b, const Eigen::MatrixXf& distances,
@@ -125,12 +117,12 @@ OverlapUse overlapUse(const StereoRig& rig, const FrameFeatures& a, const FrameF
   int in_a = 0, in_b = 0;
   for (std::size_t i = 0; i < a.size(); ++i) {
     const Feature& f = a.features[i];
-    if (!seen(rig, T_b_a * f.point.cast<double>())) continue;
+    if (!isVisible(rig, T_b_a * f.point.cast<double>())) continue;
     ++in_a;
     ++held[cellOf(f)];
     distinct_held[cellOf(f)] += distinct.a[i] ? 1 : 0;
   }
-  for (const Feature& f : b.features) in_b += seen(rig, T_a_b * f.point.cast<double>()) ? 1 : 0;
+  for (const Feature& f : b.features) in_b += isVisible(rig, T_a_b * f.point.cast<double>()) ? 1 : 0;
   OverlapUse use;
   for (const Match& m : inliers) {
     const auto i = static_cast<std::size_t>(m.a), j = static_cast<std::size_t>(m.b);
@@ -142,7 +134,7 @@ OverlapUse overlapUse(const StereoRig& rig, const FrameFeatures& a, const FrameF
   const auto filled = [](const Cells& of, const Cells& by) {
     int cells = 0, full = 0;
     for (std::size_t c = 0; c < of.size(); ++c) {
-      if (of[c] < kHeldCell) continue;
+      if (of[c] < kCountedCell) continue;
       ++cells;
       full += by[c] > 0 ? 1 : 0;
     }
@@ -174,7 +166,7 @@ double significance(const FrameFeatures& a, const FrameFeatures& b, const PairMa
       fit += e.dot(c.inverse() * e) < gate ? 1 : 0;
     }
   }
-  // The inliers themselves are no chance.
+  // The inliers themselves do not count as chance.
   const double by_chance = static_cast<double>(fit > inliers ? fit - inliers : 0) + 1;
   const double p = std::min(by_chance / (static_cast<double>(tried) + 1), 1.0);
   const auto m = static_cast<double>(matches), k = static_cast<double>(inliers);
@@ -187,7 +179,7 @@ double rivalShare(const std::vector<PointPair>& alike, const std::vector<Match>&
                   double gate, const SampleConfig& sample) {
   const std::set<int> own = featuresThatFit(alike, matches, pose, gate);
   if (own.empty()) return 1;
-  // A rival finds other partners: what fits the pose, or nearly, is left out.
+  // A rival pose has other partners: pairs that fit this pose, or nearly, are left out.
   constexpr double kNearly = 9;  // in gates: three times the distance
   const Eigen::Matrix3d rotation = pose.matrix3();
   std::vector<PointPair> rest;

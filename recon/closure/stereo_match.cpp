@@ -12,18 +12,8 @@ namespace fathom::closure {
 namespace {
 
 constexpr int kMaxWindow = PatchAligner::kMostWindow;
-constexpr int kMaxSteps = 1024;       // along one epipolar line
-constexpr int kPeakRadius = 3;        // steps about the best that are the same peak
-constexpr double kFlat = 4.0;         // variance of a window without texture [grey levels^2]
-constexpr double kMatchFloor = 0.03;  // least standard deviation of a match [px]: interpolation, lens model
-
-const std::uint8_t* rowOf(const ImageView& image, int y) {
-  return static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(y) * image.stride;
-}
-
-bool holds(const ImageView& image, double x, double y, int half) {
-  return x >= half + 1 && y >= half + 1 && x < image.width - half - 2 && y < image.height - half - 2;
-}
+constexpr int kMaxSteps = 1024;  // along one epipolar line
+constexpr int kPeakRadius = 3;   // steps about the best that are the same peak
 
 // Zero-mean window of whole pixels.
 struct Window {
@@ -45,7 +35,7 @@ bool takeTemplate(const ImageView& image, int x, int y, int half, Window& window
   const double mean = sum / static_cast<double>(n), power = squares - sum * mean;
   for (std::size_t k = 0; k < n; ++k) window.values[k] -= static_cast<float>(mean);
   window.norm = std::sqrt(std::max(power, 0.0));
-  return power > kFlat * static_cast<double>(n);
+  return power > kFlatVariance * static_cast<double>(n);
 }
 
 double correlation(const Window& window, const ImageView& image, int x, int y, int half) {
@@ -63,7 +53,7 @@ double correlation(const Window& window, const ImageView& image, int x, int y, i
   }
   const int n = (2 * half + 1) * (2 * half + 1);
   const double power = squares - static_cast<double>(sum) * sum / n;
-  if (power <= kFlat * n) return 0;
+  if (power <= kFlatVariance * n) return 0;
   return static_cast<double>(cross) / (window.norm * std::sqrt(power));
 }
 
@@ -72,7 +62,7 @@ double correlation(const Window& window, const ImageView& image, int x, int y, i
 bool StereoMatcher::search(const ImageView& left, const ImageView& right, const Eigen::Vector2d& left_pixel,
                            const DepthRange& depths, Eigen::Vector2d& right_pixel) const {
   const int half = config_.search_window / 2;
-  if (!holds(left, left_pixel.x(), left_pixel.y(), half)) return false;
+  if (!holdsWindow(left, left_pixel, half)) return false;
   Window window;
   if (!takeTemplate(left, static_cast<int>(std::lround(left_pixel.x())),
                     static_cast<int>(std::lround(left_pixel.y())), half, window))
@@ -88,7 +78,7 @@ bool StereoMatcher::search(const ImageView& left, const ImageView& right, const 
   int best = -1;
   for (int k = 0; k <= steps; ++k) {
     const Eigen::Vector2d p = there(far + (near - far) * k / steps);
-    if (!holds(right, p.x(), p.y(), half)) continue;
+    if (!holdsWindow(right, p, half)) continue;
     const auto at = static_cast<std::size_t>(k);
     scores[at] = correlation(window, right, static_cast<int>(std::lround(p.x())),
                              static_cast<int>(std::lround(p.y())), half);
@@ -145,7 +135,7 @@ Eigen::Matrix3d StereoMatcher::pointCovariance(const Eigen::Vector2d& left_pixel
       by_rays.rightCols<2>() * rig_.right.pixelJacobian(rays[1].head<2>()).inverse();
   const Eigen::Matrix<double, 3, 2> by_both = by_left + by_right;
   // The floor keeps the covariance of full rank where a feature's place is certain.
-  const double place = sigma_place * sigma_place + kMatchFloor * kMatchFloor;
+  const double place = sigma_place * sigma_place + kMatchFloor_px * kMatchFloor_px;
   return place * by_both * by_both.transpose() + by_right * match.covariance * by_right.transpose();
 }
 

@@ -7,7 +7,7 @@
 
 namespace fathom::closure {
 
-// The depths in which a point may lie [m].
+// Limits of a point's depth [m].
 struct DepthRange {
   double nearest = 0.5, farthest = 12.0;
 };
@@ -16,7 +16,7 @@ struct StereoMatchConfig {
   int search_window = 11;              // edge of the correlation window [px], odd
   int refine_window = 15;              // edge of the window of the sub-pixel position [px], odd
   double min_correlation = 0.75;       // zero-mean normalised
-  double max_second_peak = 0.95;       // of the best correlation, elsewhere on the line
+  double max_second_peak = 0.95;       // best correlation elsewhere on the line over the best
   double max_epipolar_distance = 1.0;  // [px]
 };
 
@@ -26,8 +26,8 @@ struct StereoMatch {
   Eigen::Vector3d point;       // left camera frame [m]
 };
 
-// Finds in the right image what a left pixel sees: correlation of windows along the epipolar line through
-// both lenses, the step being one pixel, then PatchAligner on both coordinates.
+// Finds the right pixel of a left one: correlation of windows along the epipolar line through both lenses in
+// steps of one pixel, then PatchAligner on both coordinates.
 class StereoMatcher {
  public:
   StereoMatcher(const StereoRig& rig, const StereoMatchConfig& config) : rig_(rig), config_(config) {}
@@ -37,8 +37,8 @@ class StereoMatcher {
                            const DepthRange& depths, StereoMatch& found) const;
 
   // Covariance of the point of a match [m^2], first order (Hartley & Zisserman 2004, 5.2.1): the place of the
-  // feature in the left image has the standard deviation `sigma_place` [px], which moves both pixels alike;
-  // the match moves the right one.
+  // feature in the left image, of standard deviation `sigma_place` [px], moves both pixels alike; the match
+  // moves the right one.
   [[nodiscard]] Eigen::Matrix3d pointCovariance(const Eigen::Vector2d& left_pixel, const StereoMatch& match,
                                                 double sigma_place) const;
 

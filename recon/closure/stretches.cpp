@@ -7,33 +7,35 @@
 namespace fathom::closure {
 namespace {
 
-constexpr std::uint32_t kFrames = 8;  // of a stretch, at most
-constexpr double kWay = 3;            // along it [m]
-constexpr double kKnown = 0.1;        // standard deviation between two stretches, above: single frames [m]
+constexpr std::uint32_t kMostFrames = 8;      // of a stretch
+constexpr double kStretchLength_m = 3;        // of its track, at most
+constexpr double kMaxSigmaOfStretch_m = 0.1;  // between two middles; above, single frames
 
-}  // namespace
-
+// Largest standard deviation of a separation, along any direction [m].
 double widestSigma(const Eigen::Matrix2d& covariance) {
   const double mean = 0.5 * covariance.trace();
   const double apart = std::hypot(0.5 * (covariance(0, 0) - covariance(1, 1)), covariance(0, 1));
   return std::sqrt(std::max(mean + apart, 0.0));
 }
 
+}  // namespace
+
 std::vector<Stretch> stretchesOf(std::span<const Footprint> footprints, const Separation& separation) {
   const auto count = static_cast<std::uint32_t>(footprints.size());
   std::vector<Stretch> even;
-  double way = 0;
+  double track = 0;  // of the present stretch [m]
   for (std::uint32_t k = 0; k < count; ++k) {
-    if (k > 0) way += (footprints[k].centre - footprints[k - 1].centre).norm();
-    if (k == 0 || way > kWay || k - even.back().first == kFrames) {
+    if (k > 0) track += (footprints[k].centre - footprints[k - 1].centre).norm();
+    if (k == 0 || track > kStretchLength_m || k - even.back().first == kMostFrames) {
       even.push_back({k, k});
-      way = 0;
+      track = 0;
     }
     even.back().end = k + 1;
   }
   std::vector<bool> cut(even.size(), false);
   for (std::size_t s = 1; s < even.size(); ++s)
-    if (widestSigma(separation(even[s - 1].middle(), even[s].middle())) > kKnown) cut[s - 1] = cut[s] = true;
+    if (widestSigma(separation(even[s - 1].middle(), even[s].middle())) > kMaxSigmaOfStretch_m)
+      cut[s - 1] = cut[s] = true;
   std::vector<Stretch> stretches;
   for (std::size_t s = 0; s < even.size(); ++s) {
     if (!cut[s]) {
@@ -101,7 +103,7 @@ void StretchTree::near(std::uint32_t stretch, const Separation& separation, std:
     const double apart = gap.norm() - reach_ * 0.5 * (here.radius + node.radius);
     const bool single = node.left < 0;
     Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
-    // A node that holds newer frames too is opened: its middle may be one of them.
+    // A node that holds newer frames too is opened, because its middle may be one of them.
     const bool older = node.end <= stretch;
     if (older && (single || apart > 0)) {
       covariance = separation(node.middle, here.middle);

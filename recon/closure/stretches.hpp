@@ -10,36 +10,33 @@
 
 namespace fathom::closure {
 
-// Consecutive frames of which the middle one tells where the others are: what is not known of the way between
-// them is far below what a registration needs as prior.
+// Consecutive keyframes searched together, represented by the middle one: the uncertainty of the path between
+// them is far below that of a useful prior of a registration.
 struct Stretch {
   std::uint32_t first = 0, end = 0;  // frames, one past the last
   [[nodiscard]] std::uint32_t middle() const { return first + (end - first) / 2; }
 };
 
-// 2x2 covariance of the horizontal separation of two frames in nav [m^2].
+// Gives the 2x2 covariance of the horizontal separation of two frames in nav [m^2].
 using Separation = std::function<Eigen::Matrix2d(std::uint32_t older, std::uint32_t newer)>;
 
-// Largest standard deviation of a separation, along any direction [m].
-[[nodiscard]] double widestSigma(const Eigen::Matrix2d& covariance);
-
-// Cuts a dive into stretches of at most eight frames and about three metres; where the way between the
-// middles of two neighbours is known to worse than a decimetre (no bottom track, no visual odometry), into
-// single frames. `separation` is asked for consecutive middles only.
+// Cuts a dive into stretches of at most eight frames and about three metres of track; where the separation of
+// two neighbours' middles has a standard deviation over a decimetre (no bottom track, no visual odometry),
+// into single frames. `separation` is called for consecutive middles only.
 [[nodiscard]] std::vector<Stretch> stretchesOf(std::span<const Footprint> footprints,
                                                const Separation& separation);
 
-// Finds the stretches whose footprints may overlap under the uncertainty of a solution, without looking at
-// all of them: a binary tree over time (bounding volume hierarchy), each node with a box about its
-// footprints, and with a bound of what is not known between its middle and any of its frames,
+// Finds the stretches with footprints that may overlap under the uncertainty of a solution, without testing
+// all of them: a binary tree over time (bounding volume hierarchy). Each node has a box about its footprints
+// and a bound on the standard deviation between its middle and any of its frames,
 //   leg(node) = max over both halves of  sigma(middle, middle of half) + leg(half),
-// as standard deviations along a direction at most add up. A node is passed over when its box is farther from
-// the stretch than the footprints reach and three standard deviations of all that lies between.
+// because standard deviations along a direction at most add up. A node is skipped when its box is farther
+// from the stretch than the footprints' reach plus three standard deviations of the separation and its leg.
 class StretchTree {
  public:
   static constexpr double kSigmas = 3;
 
-  // Keeps `footprints`, which must outlive it. `min_overlap`: share of a footprint, as CandidateConfig's.
+  // Refers to `footprints`, which must outlive it. `min_overlap`: share of a footprint, as CandidateConfig's.
   StretchTree(std::span<const Footprint> footprints, std::vector<Stretch> stretches, double min_overlap,
               const Separation& separation);
 
@@ -47,8 +44,8 @@ class StretchTree {
     std::uint32_t stretch = 0;
     Eigen::Matrix2d covariance;  // of the separation of the two middles [m^2]
   };
-  // Replaces `found` by the stretches before the given one that it may overlap, in rising order. Asks
-  // `separation` for middles of stretches. Several threads may ask at once, each with its own `separation`.
+  // Replaces `found` by the stretches before the given one that it may overlap, in rising order. Calls
+  // `separation` for middles of stretches. Several threads may call at once, each with its own `separation`.
   void near(std::uint32_t stretch, const Separation& separation, std::vector<Near>& found) const;
 
   [[nodiscard]] const std::vector<Stretch>& stretches() const { return stretches_; }
@@ -57,10 +54,10 @@ class StretchTree {
   struct Node {
     std::uint32_t first = 0, end = 0;  // stretches
     std::uint32_t middle = 0;          // a frame
-    // Of the footprints' centres [m].
+    // Box of the footprints' centres [m].
     Eigen::Vector2d low = Eigen::Vector2d::Zero(), high = Eigen::Vector2d::Zero();
-    double radius = 0, leg = 0;  // largest; bound above [m]
-    int left = -1, right = -1;   // none: one stretch
+    double radius = 0, leg = 0;  // largest footprint; bound above [m]
+    int left = -1, right = -1;   // halves; -1: one stretch
   };
   int build(std::uint32_t first, std::uint32_t end, const Separation& separation);
 

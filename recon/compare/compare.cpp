@@ -2,24 +2,24 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/compare/surface_file.hpp"
 
 namespace fathom::compare {
 namespace {
 
-constexpr double kMostCells = 16e6;  // of the survey's map; coarser beyond
+constexpr double kMostCellsOfMap = 16e6;  // of the survey's map; coarser beyond
 
 // A frame in metres for a survey that is stored in degrees.
 PlaneFrame metricFrame(const SurfaceFile& survey) {
   const PlaneFrame own = survey.frame();
   if (!isGeographic(own)) return own;
   const Box box = survey.bounds(own);
-  constexpr double kRadian = std::numbers::pi / 180.0;
-  return localFrame({0.5 * (box.south + box.north) * kRadian, 0.5 * (box.west + box.east) * kRadian});
+  return localFrame(
+      {0.5 * (box.south + box.north) * kRadiansPerDegree, 0.5 * (box.west + box.east) * kRadiansPerDegree});
 }
 
 void turn(HeightMap& map) {
@@ -52,8 +52,8 @@ Comparison compareSurfaces(const CompareOptions& options) {
     if (isGeographic(reference->frame()) || !options.reference_crs.empty())
       throw InputError(
           options.survey.string(), "",
-          "does not say where on Earth it lies; keep stereo_pose_est.data or mission.toml beside it");
-    c.notes.push_back("the survey does not say where on Earth it lies: both are taken to be in one frame");
+          "does not state its position on Earth; keep stereo_pose_est.data or mission.toml beside it");
+    c.notes.push_back("the survey does not state its position on Earth: both are taken to be in one frame");
   } else if (!reference->frame().known()) {
     c.notes.push_back("the reference does not name its frame: it is taken to be the survey's");
   }
@@ -62,12 +62,12 @@ Comparison compareSurfaces(const CompareOptions& options) {
   if (box.empty()) throw InputError(options.survey.string(), "", "covers no area");
   if (!meet(grown(box, options.registration.max_shift), reference_box))
     throw InputError(options.reference.string(), "",
-                     "lies elsewhere: " + boxText(reference_box) + " in the survey's frame, the survey " +
+                     "is elsewhere: " + boxText(reference_box) + " in the survey's frame, the survey " +
                          boxText(box) + "; check --reference-crs");
   c.survey_spacing = survey->spacing(c.plane);
   c.reference_spacing = reference->spacing(c.plane);
   c.cell = options.cell > 0 ? options.cell : std::max(c.survey_spacing, c.reference_spacing);
-  const double fewest = std::sqrt((box.east - box.west) * (box.north - box.south) / kMostCells);
+  const double fewest = std::sqrt((box.east - box.west) * (box.north - box.south) / kMostCellsOfMap);
   if (c.cell < fewest) {
     c.cell = fewest;
     c.notes.push_back("the cells were enlarged: the survey is large");
@@ -81,7 +81,7 @@ Comparison compareSurfaces(const CompareOptions& options) {
     throw InputError(options.survey.string(), "",
                      "has no height in cells of " + decimals(c.cell, 3) + " m; give a smaller --cell");
   if (!std::isfinite(there))
-    throw InputError(options.reference.string(), "", "has no height where the survey lies");
+    throw InputError(options.reference.string(), "", "has no height in the survey's area");
   c.reference_turned = options.reference_up == "down" ||
                        (options.reference_up != "up" && std::abs(here + there) < std::abs(here - there));
   if (c.reference_turned) turn(c.reference);

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 
 namespace fathom::compare {
 

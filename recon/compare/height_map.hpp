@@ -13,7 +13,7 @@ struct HeightMap {
   double cell = 1;             // [m]
   int columns = 0, rows = 0;
   std::vector<float> up;
-  std::vector<float> sigma;  // standard deviation of `up`; empty where nothing says
+  std::vector<float> sigma;  // standard deviation of `up`; empty if unknown
 
   HeightMap() = default;
   // All unknown; covers the box, with cell borders at multiples of the cell.

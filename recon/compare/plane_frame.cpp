@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::compare {
 namespace {
@@ -37,9 +37,8 @@ std::string wktOf(const OGRSpatialReference& srs) {
 }  // namespace
 
 PlaneFrame localFrame(const Geodetic& origin) {
-  constexpr double kDegree = 180.0 / std::numbers::pi;
   return frameFrom(formatted("+proj=tmerc +lat_0=%.15g +lon_0=%.15g +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m",
-                             origin.latitude * kDegree, origin.longitude * kDegree),
+                             origin.latitude * kDegreesPerRadian, origin.longitude * kDegreesPerRadian),
                    "origin");
 }
 

@@ -15,7 +15,7 @@ struct Box {
   [[nodiscard]] bool empty() const { return !(west < east && south < north); }
 };
 
-// Which plane eastings and northings [m] are of: a coordinate reference system as WKT, or unknown (empty).
+// Coordinate reference system of eastings and northings [m], as WKT; empty: unknown.
 struct PlaneFrame {
   std::string wkt;
   [[nodiscard]] bool known() const { return !wkt.empty(); }
@@ -23,7 +23,7 @@ struct PlaneFrame {
 
 // The nav frame of a mission: transverse Mercator on WGS84 about its origin.
 [[nodiscard]] PlaneFrame localFrame(const Geodetic& origin);
-// From what a user or a file says: "EPSG:32756", WKT, a PROJ string. Throws InputError(where).
+// From text of a user or a file: "EPSG:32756", WKT, a PROJ string. Throws InputError(where).
 [[nodiscard]] PlaneFrame frameFrom(const std::string& definition, const std::string& where);
 // True for a frame in degrees.
 [[nodiscard]] bool isGeographic(const PlaneFrame& frame);

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <limits>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/compare/surface_file.hpp"
 
 namespace fathom::compare {
@@ -39,7 +39,7 @@ class RasterSurface final : public SurfaceFile {
                        "is no raster that can be read; give a GeoTIFF, or text with x y z as .xyz");
     double t[6];
     if (dataset_->GetGeoTransform(t) != CE_None)
-      throw InputError(path.string(), "", "does not say where it lies (no geotransform)");
+      throw InputError(path.string(), "", "does not state its position (no geotransform)");
     const char* wkt = dataset_->GetProjectionRef();
     if (!crs.empty())
       frame_ = frameFrom(crs, "--reference-crs");

@@ -9,33 +9,33 @@
 
 namespace fathom::compare {
 
-// A surface that somebody measured, in whatever form it is stored.
+// A measured surface in a file of any supported kind.
 class SurfaceFile {
  public:
   virtual ~SurfaceFile() = default;
   [[nodiscard]] virtual PlaneFrame frame() const = 0;
-  // In `to`; empty where it holds nothing.
+  // Its box in `to`; empty without heights.
   [[nodiscard]] virtual Box bounds(const PlaneFrame& to) const = 0;
   // Mean distance of neighbouring heights [m], in `to`.
   [[nodiscard]] virtual double spacing(const PlaneFrame& to) const = 0;
-  // What of it lies in `box` of `to`, in cells (HeightMap's constructor says where they lie).
+  // The part in `box` of `to`, in cells as placed by HeightMap's constructor.
   [[nodiscard]] virtual HeightMap read(const PlaneFrame& to, const Box& box, double cell) const = 0;
-  // What was read, in a few words.
+  // Kind of the file, in a few words.
   [[nodiscard]] const std::string& about() const { return about_; }
 
  protected:
   std::string about_;
 };
 
-// The frame of a mesh by the files that lie beside it; not known where none says so.
+// The frame of a mesh by the files beside it; unknown without such a file.
 using FrameBeside = std::function<PlaneFrame(const std::filesystem::path& mesh)>;
 
 // Opens
 //   a folder of fathom-topside      its layers/elevation.tif, else its mesh.ply
-//   .ply                            a mesh in nav, which lies where `beside` says
+//   .ply                            a mesh in nav, with its frame from `beside`
 //   .xyz .txt .csv .pts and the like   text: x y z a line (XYZ of gridded multibeam)
-//   anything else                   what GDAL opens: GeoTIFF, ASCII grid, BAG, netCDF
-// `crs`: of a file that does not say (empty: the frame stays unknown). Throws InputError.
+//   anything else                   rasters of GDAL: GeoTIFF, ASCII grid, BAG, netCDF
+// `crs`: of a file without a frame of its own (empty: it stays unknown). Throws InputError.
 [[nodiscard]] std::unique_ptr<SurfaceFile> openSurface(const std::filesystem::path& path,
                                                        const std::string& crs, const FrameBeside& beside);
 

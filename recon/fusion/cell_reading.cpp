@@ -5,10 +5,9 @@
 namespace fathom::fusion {
 namespace {
 
-// Sideways error of poses and points, in spacings: on a 45 degree slope it changes a cell's height by as
-// much.
+// Horizontal error of poses and points, in spacings: on a slope of 45 degrees it changes the height equally.
 constexpr double kSidewaysError = 0.5;
-// The same between levels: a coarser cell's mean stands for ground up to a spacing away, on steep slopes too.
+// The same between levels: a coarser cell's mean is of ground up to a spacing away, on steep slopes too.
 constexpr double kSidewaysErrorOfLevels = 1.0;
 // A second surface with fewer observations than the best one's over this is an outlier, not a layer.
 constexpr std::uint32_t kLayerShare = 3;
@@ -81,8 +80,7 @@ CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first) 
   out.count = best.count;
   out.layered = second * kLayerShare >= best.count;
   out.depth = (static_cast<double>(base) + best.mean()) * kHeightUnit;
-  // Deviations in sigmas, as a share of the count: 1 when the meshes disagree as much as they said they
-  // would.
+  // Mean squared deviation in sigmas: 1 when the meshes scatter as their sigmas predict.
   const double disagreement = best.spread() * best.weight / unit / best.count;
   out.variance = (1 + disagreement) * unit / best.weight * kHeightUnit * kHeightUnit;
   for (std::size_t c = 0; c < 3; ++c) out.colour[c] = static_cast<float>(best.colour[c] / best.weight);
@@ -91,15 +89,15 @@ CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first) 
   return out;
 }
 
-Verdict judge(const QuadtreeStore& store, const CellReading& finer, const CellReading& coarser,
-              int coarser_level) {
-  if (!coarser.seen() || coarser.count * kLayerShare < finer.count) return Verdict::kStands;
+SurfaceVote vote(const QuadtreeStore& store, const CellReading& finer, const CellReading& coarser,
+                 int coarser_level) {
+  if (!coarser.seen() || coarser.count * kLayerShare < finer.count) return SurfaceVote::kStands;
   const double sideways = kSidewaysErrorOfLevels * store.spacing(coarser_level);
   const double gate = store.config().gate;
   const double apart = finer.depth - coarser.depth;
   if (apart * apart <= gate * gate * (finer.variance + coarser.variance + sideways * sideways))
-    return Verdict::kStands;
-  return coarser.count > finer.count ? Verdict::kOutvoted : Verdict::kLayered;
+    return SurfaceVote::kStands;
+  return coarser.count > finer.count ? SurfaceVote::kOutvoted : SurfaceVote::kLayered;
 }
 
 }  // namespace fathom::fusion

@@ -7,13 +7,13 @@
 
 namespace fathom::fusion {
 
-// What a cell's layers say when they are read: neighbouring layers that agree are one surface; of several
-// surfaces the one that more observations support is shown, of equal ones the upper.
+// The surface that a cell shows: neighbouring layers that agree are one surface; of several surfaces the one
+// with most observations is shown, of equal ones the upper.
 struct CellReading {
-  std::uint32_t count = 0;  // observations of the surface; 0: nothing was seen
+  std::uint32_t count = 0;  // observations of the surface; 0: none
   bool layered = false;     // a second surface has at least a third of its support
   double depth = 0;         // [m]
-  double variance = 0;      // of depth: of the observations, and of their disagreement [m^2]
+  double variance = 0;      // of depth: from the observations' variances and their scatter [m^2]
   std::array<float, 3> colour{};
   std::int32_t first_bin = 0, last_bin = 0;  // of the surface
 
@@ -23,15 +23,14 @@ struct CellReading {
 // `first`: the cell's first layer, or QuadtreeStore::kNone.
 [[nodiscard]] CellReading readCell(const QuadtreeStore& store, int level, std::int32_t first);
 
-// What becomes of the surface that a finer cell shows, after what a coarser level says about its place: they
-// are two surfaces when they differ by more than the gate, a coarser spacing of sideways error
-// included.
-enum class Verdict {
+// Compares the surface of a finer cell with that of a coarser level at its place. They are two surfaces if
+// they differ by more than the gate, which includes a horizontal error of one coarser spacing.
+enum class SurfaceVote {
   kStands,
   kLayered,   // another surface has at least a third of the support
   kOutvoted,  // another surface has more
 };
-[[nodiscard]] Verdict judge(const QuadtreeStore& store, const CellReading& finer, const CellReading& coarser,
-                            int coarser_level);
+[[nodiscard]] SurfaceVote vote(const QuadtreeStore& store, const CellReading& finer,
+                               const CellReading& coarser, int coarser_level);
 
 }  // namespace fathom::fusion

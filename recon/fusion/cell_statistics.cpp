@@ -13,7 +13,7 @@ constexpr double kQuantum = 1.0 / 16384;  // of a depth [m]
 constexpr double kCovered = 0.5;          // of a cell's plan, for it to count
 constexpr std::array<char, 8> kMagic = {'F', 'C', 'E', 'L', 'L', 'S', '0', '1'};
 
-// Cells in one number whose order is by x, then y.
+// A cell as one number, ordered by x, then y.
 std::uint64_t keyOf(std::int32_t x, std::int32_t y) {
   constexpr std::uint32_t kSign = 0x80000000U;
   return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(x) ^ kSign) << 32) |
@@ -69,7 +69,7 @@ T take(const std::uint8_t*& at) {
 
 }  // namespace
 
-// What one mesh has in a cell.
+// The part of one mesh in a cell.
 struct CellStatistics::Share {
   double area = 0, volume = 0;  // in plan [cell^2], and times depth
   void add(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
@@ -219,7 +219,7 @@ bool CellStatistics::load(const std::vector<std::uint8_t>& bytes) {
     entry.z = take<std::int64_t>(from);
     entry.zz = take<Wide>(from);
     if (entry.meshes == 0 || (k > 0 && key <= last)) return false;
-    // No depths have such sums unless n * sum of squares >= square of sum.
+    // Sums of depths satisfy n * sum of squares >= square of sum.
     const Wide square = static_cast<Wide>(static_cast<__int128>(entry.z) * entry.z);
     if (entry.zz > (~static_cast<Wide>(0)) / entry.meshes || entry.meshes * entry.zz < square) return false;
     sums.emplace(key, entry);

@@ -10,10 +10,9 @@
 
 namespace fathom::fusion {
 
-// Where a surface is seen how often, and how well those who saw it agree (Johnson-Roberson et al. 2010,
-// figure 11): meshes and deviation of depth in square cells of nav's horizontal plane, made before fusion.
-// Sums are whole numbers (depths in 2^-14 m, 0.06 mm), so that groups of meshes can be counted apart and
-// merged in any order with the same bytes.
+// Number of meshes and their standard deviation of depth in square cells of nav's horizontal plane, before
+// fusion (Johnson-Roberson et al. 2010, figure 11). Sums are whole numbers (depths in 2^-14 m, 0.06 mm), so
+// that groups of meshes are counted separately and merged in any order to the same bytes.
 class CellStatistics {
  public:
   explicit CellStatistics(double cell = 0.10);  // edge [m]; throws std::invalid_argument unless above 0
@@ -25,19 +24,19 @@ class CellStatistics {
     double deviation = 0;  // standard deviation of these between meshes [m]; 0 for one mesh
   };
 
-  // One mesh in nav: its triangles' surface, not its vertices, decides which cells it covers: those half of
-  // whose plan it covers at least (less would give the depth of a corner). Triangles that are not finite,
-  // beyond kReach of the origin, or more than kMaxSpan cells wide are left out.
+  // Adds a mesh in nav. It counts in cells of which its triangles cover at least half in plan (less would
+  // give the depth of a corner). Triangles that are not finite, beyond kReach of the origin, or more than
+  // kMaxSpan cells wide are left out.
   void add(const Mesh& mesh);
   void merge(const CellStatistics& other);        // throws std::invalid_argument for another cell size
   [[nodiscard]] std::vector<Cell> cells() const;  // by x, then y
-  // The cell of a place [m]; none where no mesh covers it.
+  // The cell at a place [m]; none without a mesh there.
   [[nodiscard]] std::optional<Cell> at(double north, double east) const;
   [[nodiscard]] double cell() const { return cell_; }
 
-  // State, for keeping between runs: the same bytes for the same meshes in any order.
+  // Saved state: the same bytes for the same meshes in any order.
   [[nodiscard]] std::vector<std::uint8_t> save() const;
-  [[nodiscard]] bool load(const std::vector<std::uint8_t>& bytes);  // false: not such a state, unchanged
+  [[nodiscard]] bool load(const std::vector<std::uint8_t>& bytes);  // false: not a saved state; unchanged
 
   static constexpr double kReach = 1e5;  // [m]
   static constexpr int kMaxSpan = 1024;  // [cells]

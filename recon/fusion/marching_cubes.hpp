@@ -6,13 +6,12 @@
 namespace fathom::fusion {
 
 // Triangles of the 256 sign patterns of a cell (Lorensen & Cline 1987), built by walking the surface's
-// outline over the cell's faces. A face with two opposite inside corners cuts each off by itself; as that
-// depends on the face alone, neighbouring cells agree and the surface has no cracks. The loops are cut into
-// triangles so that no diagonal lies in a face, where the neighbour could draw it too: every edge then has
-// at most two triangles.
+// outline over the cell's faces. On a face with two opposite inside corners the outline separates them; this
+// depends on the face alone, so that neighbouring cells agree and the surface has no cracks. The loops are
+// cut into triangles without diagonals in a face, where the neighbour could have the same: every edge has at
+// most two triangles.
 //
-// Corner c stands at (c & 1, c >> 1 & 1, c >> 2 & 1). Bit c of a pattern: corner c is inside (negative
-// distance).
+// Corner c is at (c & 1, c >> 1 & 1, c >> 2 & 1). Bit c of a pattern: corner c is inside (negative distance).
 class MarchingCubesTable {
  public:
   static constexpr int kEdges = 12;
@@ -29,7 +28,7 @@ class MarchingCubesTable {
   MarchingCubesTable();
   [[nodiscard]] const Pattern& pattern(unsigned signs) const { return patterns_[signs]; }
   [[nodiscard]] const Edge& edge(std::size_t index) const { return edges_[index]; }
-  // Whether the two edges lie in one face of the cell.
+  // Whether the two edges are in one face of the cell.
   [[nodiscard]] bool shareFace(std::uint8_t a, std::uint8_t b) const { return (faces_[a] & faces_[b]) != 0; }
 
  private:

@@ -9,17 +9,15 @@
 namespace fathom::fusion {
 namespace {
 
-constexpr int kCells = HeightTile::kCells;
 // Farther from nav's origin than any mission goes [m]; keeps tile indices within a place's 24 bits.
-constexpr float kMaxCoordinate = 1e5F;
+constexpr float kMaxPlanCoordinate = 1e5F;
 // A triangle so thin in plan (a wall, or nearly) covers no cell: area over its longest edge squared.
 constexpr double kThinnest = 1e-6;
-// Longest edge whose cells are looked at, in root squares: more is no stereo mesh.
+// Longest edge of a triangle that is used, in root squares; stereo meshes have shorter ones.
 constexpr double kMaxEdgeRoots = 4;
-// Height error of a flat triangle, per metre of its size: seafloor between the points is interpolated, not
-// seen.
+// Height error of a flat triangle, per metre of its size: seafloor between the points is interpolated,
+// not seen.
 constexpr double kInterpolationError = 0.05;
-constexpr Rgb kNoColour = {128, 128, 128};
 
 // A triangle in plan: x north, y east.
 struct PlanTriangle {
@@ -49,11 +47,11 @@ struct PlanTriangle {
   }
 };
 
-bool usable(const Mesh& mesh, const std::array<std::uint32_t, 3>& t) {
+bool isUsableInPlan(const Mesh& mesh, const std::array<std::uint32_t, 3>& t) {
   for (const std::uint32_t v : t) {
     if (v >= mesh.vertices.size()) return false;
     const Eigen::Vector3f& p = mesh.vertices[v];
-    if (!p.allFinite() || p.cwiseAbs().maxCoeff() > kMaxCoordinate) return false;
+    if (!p.allFinite() || p.cwiseAbs().maxCoeff() > kMaxPlanCoordinate) return false;
     if (!mesh.sigma.empty() && !(mesh.sigma[v] >= 0 && std::isfinite(mesh.sigma[v]))) return false;
   }
   return true;
@@ -63,7 +61,7 @@ std::uint64_t placeOf(int level, std::int64_t gi, std::int64_t gj) {
   constexpr std::int64_t kBias = 1 << 23;
   return (static_cast<std::uint64_t>(level) << 56) | (static_cast<std::uint64_t>((gi >> 4) + kBias) << 32) |
          (static_cast<std::uint64_t>((gj >> 4) + kBias) << 8) |
-         static_cast<std::uint64_t>((gi & (kCells - 1)) * kCells + (gj & (kCells - 1)));
+         static_cast<std::uint64_t>((gi & (kTileCells - 1)) * kTileCells + (gj & (kTileCells - 1)));
 }
 
 }  // namespace
@@ -73,7 +71,7 @@ MeshObservations::MeshObservations(const QuadtreeConfig& config) : config_(confi
 }
 
 double MeshObservations::spacing(int level) const {
-  return config_.root_size / (1 << level) / kCells;
+  return config_.root_size / (1 << level) / kTileCells;
 }
 
 int MeshObservations::levelFor(double point_spacing) const {
@@ -106,7 +104,7 @@ bool MeshObservations::observe(const Mesh& mesh, const std::array<std::uint32_t,
       for (std::size_t k = 0; k < 3; ++k) {
         depth += w[k] * static_cast<double>(mesh.vertices[t[k]].z());
         if (!mesh.sigma.empty()) sigma += w[k] * static_cast<double>(mesh.sigma[t[k]]);
-        const Rgb& rgb = mesh.colours.empty() ? kNoColour : mesh.colours[t[k]];
+        const Rgb& rgb = mesh.colours.empty() ? kUncolouredRgb : mesh.colours[t[k]];
         for (std::size_t c = 0; c < 3; ++c) colour[c] += w[k] * rgb[c];
       }
       CellObservation seen;
@@ -125,7 +123,7 @@ bool MeshObservations::observe(const Mesh& mesh, const std::array<std::uint32_t,
 bool MeshObservations::collectAt(const Mesh& mesh, int finest) {
   found_.clear();
   for (const auto& t : mesh.triangles)
-    if (usable(mesh, t) && !observe(mesh, t, finest)) return false;
+    if (isUsableInPlan(mesh, t) && !observe(mesh, t, finest)) return false;
   return true;
 }
 
@@ -134,7 +132,7 @@ std::span<const CellObservation> MeshObservations::collect(const Mesh& mesh) {
   std::size_t triangles = 0;
   skipped_ = 0;
   for (const auto& t : mesh.triangles) {
-    if (!usable(mesh, t)) {
+    if (!isUsableInPlan(mesh, t)) {
       ++skipped_;
       continue;
     }
@@ -143,7 +141,7 @@ std::span<const CellObservation> MeshObservations::collect(const Mesh& mesh) {
   }
   found_.clear();
   if (triangles == 0) return {};
-  // A triangulated surface has two triangles a point: each point stands for the area of two.
+  // A triangulated surface has two triangles a point: each point has the area of two.
   int finest = levelFor(std::sqrt(area2 / static_cast<double>(triangles)));
   while (!collectAt(mesh, finest)) {
     if (finest == 0) {

@@ -9,7 +9,7 @@
 
 namespace fathom::fusion {
 
-// What a mesh has to say about one cell.
+// One mesh's observation of one cell.
 struct CellObservation {
   std::uint64_t place = 0;   // of the cell: see MeshObservations
   std::int32_t height = 0;   // nav z [2^-13 m]
@@ -26,11 +26,11 @@ struct CellObservation {
 };
 static_assert(sizeof(CellObservation) == 24);
 
-// A mesh in nav as whole-numbered observations: a pure function of the mesh, so that what goes into the map
-// can be taken out again. Cell (i, j) of a level covers [i, i + 1) x [j, j + 1) spacings, and is observed
-// where its middle lies under a triangle, at the level that the mesh's mean point spacing allows, or coarser
-// where the triangle itself is that much larger. Of surfaces over one another the upper one, which the camera
-// saw, counts. Observations come in the order of level, tile and cell.
+// A mesh in nav as whole-numbered observations: a pure function of the mesh, so that the map can subtract
+// them again. Cell (i, j) of a level covers [i, i + 1) x [j, j + 1) spacings and is observed where its middle
+// is under a triangle. The level follows from the mesh's mean point spacing, and is coarser for larger
+// triangles. Of surfaces over one another the upper one counts, which the camera saw. Observations are
+// ordered by level, tile and cell.
 class MeshObservations {
  public:
   // A mesh with more cells is observed a level coarser: 64 m^2 at 1/32 m.
@@ -38,16 +38,16 @@ class MeshObservations {
 
   explicit MeshObservations(const QuadtreeConfig& config);
 
-  // Valid until the next call. Triangles with vertices that are not finite, or out of reach, are skipped.
+  // Valid until the next call. Triangles with vertices that are not finite or too far are skipped.
   std::span<const CellObservation> collect(const Mesh& mesh_in_nav);
   [[nodiscard]] std::size_t skippedTriangles() const { return skipped_; }  // by the last collect()
   [[nodiscard]] std::size_t memoryBytes() const { return found_.capacity() * sizeof(CellObservation); }
 
  private:
   [[nodiscard]] double spacing(int level) const;
-  // Finest level whose cells are not smaller than the configured ratio of a point spacing [m].
+  // Finest level with cells no smaller than the configured ratio of a point spacing [m].
   [[nodiscard]] int levelFor(double point_spacing) const;
-  // False when there are too many.
+  // False when there are more than kMost.
   bool collectAt(const Mesh& mesh, int finest);
   bool observe(const Mesh& mesh, const std::array<std::uint32_t, 3>& triangle, int finest);
 

@@ -7,20 +7,19 @@
 namespace fathom::fusion {
 namespace {
 
-constexpr int kCells = QuadtreeStore::kCells;
 constexpr int kSide = HeightTile::kSide;
 constexpr int kMostLevels = 16;
-// Slopes by which heights are carried beyond what was seen: steeper ones are steps.
+// Steepest slope of extrapolation beyond the data: steeper ones are steps.
 constexpr double kMaxSlope = 1.5;
 
 // Nodes of one tile and one more around it, as means of cells under a tent as wide as the tile's spacing,
 // each cell weighted by its area.
 class NodeMeans {
  public:
-  static constexpr int kMargin = 1;                         // nodes around the tile
-  static constexpr int kNodes = kSide + 2 * kMargin;        // a side
-  static constexpr int kRegion = kCells + 2 * kMargin + 2;  // cells a side that reach those nodes
-  static constexpr int kFirst = -kMargin - 1;               // the first of them
+  static constexpr int kMargin = 1;                             // nodes around the tile
+  static constexpr int kNodes = kSide + 2 * kMargin;            // a side
+  static constexpr int kRegion = kTileCells + 2 * kMargin + 2;  // cells a side that reach those nodes
+  static constexpr int kFirst = -kMargin - 1;                   // the first of them
 
   NodeMeans(const QuadtreeStore& store, const TileKey& key) : store_(store), key_(key) {
     for (int n = -1; n <= 1; ++n)
@@ -28,8 +27,8 @@ class NodeMeans {
         const TileKey near{key.north_index + n, key.east_index + e, key.level};
         Areas areas{};
         gather(near, areas);
-        for (int k = 0; k < kCells * kCells; ++k) {
-          const int i = n * kCells + k / kCells, j = e * kCells + k % kCells;
+        for (int k = 0; k < kTileCells * kTileCells; ++k) {
+          const int i = n * kTileCells + k / kTileCells, j = e * kTileCells + k % kTileCells;
           if (!inRegion(i, j)) continue;
           float& area = covered(i, j);
           area = areas[static_cast<std::size_t>(k)];
@@ -39,10 +38,10 @@ class NodeMeans {
       for (int j = kFirst; j < kFirst + kRegion; ++j) showCoarser(i, j);
   }
 
-  // Whether anything was seen in the tile's own cells.
+  // Whether the tile's own cells have data.
   [[nodiscard]] bool any() const {
-    for (int i = 0; i < kCells; ++i)
-      for (int j = 0; j < kCells; ++j)
+    for (int i = 0; i < kTileCells; ++i)
+      for (int j = 0; j < kTileCells; ++j)
         if (covered_[regionIndex(i, j)] > 0) return true;
     return false;
   }
@@ -61,7 +60,7 @@ class NodeMeans {
   }
 
  private:
-  using Areas = std::array<float, kCells * kCells>;
+  using Areas = std::array<float, kTileCells * kTileCells>;
   // Tent-weighted; x northwards and y eastwards of the node, in spacings.
   struct Sum {
     double area = 0, depth = 0, variance = 0, x = 0, y = 0;
@@ -80,7 +79,7 @@ class NodeMeans {
     return sums_[static_cast<std::size_t>((i + kMargin) * kNodes + j + kMargin)];
   }
 
-  // What the square and those below it show, finest first; gives the seen share of each cell's area.
+  // Gathers the square and those below it, finest first; gives the share of each cell's area with data.
   void gather(const TileKey& key, Areas& areas) {
     const std::int32_t found = store_.index().find(key);
     if (found == TileIndex::kAbsent || !reaches(key)) return;
@@ -88,23 +87,24 @@ class NodeMeans {
       for (int c = 0; c < 4; ++c) {
         Areas finer{};
         gather(TileIndex::child(key, c), finer);
-        for (int k = 0; k < kCells * kCells; ++k) {
-          const int i = (c / 2 * kCells + k / kCells) / 2, j = (c % 2 * kCells + k % kCells) / 2;
-          areas[static_cast<std::size_t>(i * kCells + j)] += 0.25F * finer[static_cast<std::size_t>(k)];
+        for (int k = 0; k < kTileCells * kTileCells; ++k) {
+          const int i = (c / 2 * kTileCells + k / kTileCells) / 2,
+                    j = (c % 2 * kTileCells + k % kTileCells) / 2;
+          areas[static_cast<std::size_t>(i * kTileCells + j)] += 0.25F * finer[static_cast<std::size_t>(k)];
         }
       }
     }
     if (found < 0) return;
     const Slots coarser = slotsAbove(key);
     const double step = std::exp2(key_.level - key.level);  // size of a cell in spacings of the tile
-    const double x0 = (std::int64_t{key.north_index} - scaled(key_.north_index, key)) * kCells * step;
-    const double y0 = (std::int64_t{key.east_index} - scaled(key_.east_index, key)) * kCells * step;
-    for (int k = 0; k < kCells * kCells; ++k) {
+    const double x0 = (std::int64_t{key.north_index} - scaled(key_.north_index, key)) * kTileCells * step;
+    const double y0 = (std::int64_t{key.east_index} - scaled(key_.east_index, key)) * kTileCells * step;
+    for (int k = 0; k < kTileCells * kTileCells; ++k) {
       float& area = areas[static_cast<std::size_t>(k)];
       if (area >= 1) continue;
       CellReading cell = readCell(store_, key.level, store_.head(found, k));
       if (!cell.seen() || outvoted(cell, key, k, coarser)) continue;
-      add(cell, x0 + (k / kCells + 0.5) * step, y0 + (k % kCells + 0.5) * step,
+      add(cell, x0 + (k / kTileCells + 0.5) * step, y0 + (k % kTileCells + 0.5) * step,
           static_cast<double>(1 - area) * step * step);
       area = 1;
     }
@@ -126,23 +126,23 @@ class NodeMeans {
       const std::int32_t slot = coarser[static_cast<std::size_t>(level)];
       if (slot < 0) continue;
       const int down = key.level - level;
-      const std::int64_t gi = (std::int64_t{key.north_index} * kCells + k / kCells) >> down;
-      const std::int64_t gj = (std::int64_t{key.east_index} * kCells + k % kCells) >> down;
+      const std::int64_t gi = (std::int64_t{key.north_index} * kTileCells + k / kTileCells) >> down;
+      const std::int64_t gj = (std::int64_t{key.east_index} * kTileCells + k % kTileCells) >> down;
       const CellReading other = readCell(store_, level, store_.head(slot, cellOf(gi, gj)));
-      const Verdict verdict = judge(store_, cell, other, level);
-      if (verdict == Verdict::kStands || liesAmong(cell, level, gi, gj)) continue;
-      if (verdict == Verdict::kOutvoted) return true;
-      cell.layered = cell.layered || verdict == Verdict::kLayered;
+      const SurfaceVote outcome = vote(store_, cell, other, level);
+      if (outcome == SurfaceVote::kStands || isBetween(cell, level, gi, gj)) continue;
+      if (outcome == SurfaceVote::kOutvoted) return true;
+      cell.layered = cell.layered || outcome == SurfaceVote::kLayered;
     }
     return false;
   }
-  // Whether the height is one between those of the coarse cells around: on a cliff the coarse cells, not the
-  // finer one, are what misleads.
-  [[nodiscard]] bool liesAmong(const CellReading& cell, int level, std::int64_t gi, std::int64_t gj) const {
+  // Whether the height is between those of the coarse cells around: on a cliff the coarse cells are wrong,
+  // not the finer one.
+  [[nodiscard]] bool isBetween(const CellReading& cell, int level, std::int64_t gi, std::int64_t gj) const {
     bool above = false, below = false;
     for (int k = 0; k < 9; ++k) {
       const CellReading near = read(level, gi + k / 3 - 1, gj + k % 3 - 1);
-      if (!near.seen()) return true;  // at the border of what the coarse level saw it cannot tell
+      if (!near.seen()) return true;  // at the border of the coarse level's data nothing is decided
       above = above || near.depth <= cell.depth;
       below = below || near.depth >= cell.depth;
     }
@@ -154,7 +154,7 @@ class NodeMeans {
   // Whether a square of this level or finer reaches the nodes.
   [[nodiscard]] bool reaches(const TileKey& key) const {
     const int down = key.level - key_.level;
-    const double size = kCells * std::exp2(-down);
+    const double size = kTileCells * std::exp2(-down);
     const double x = static_cast<double>(key.north_index - scaled(key_.north_index, key)) * size;
     const double y = static_cast<double>(key.east_index - scaled(key_.east_index, key)) * size;
     constexpr double kEnd = kFirst + kRegion;
@@ -179,12 +179,12 @@ class NodeMeans {
     }
   }
 
-  // Where nothing as fine as the tile was seen: the next coarser level that saw the place.
+  // Without data as fine as the tile: the next coarser level with data at the place.
   void showCoarser(int i, int j) {
     float& area = covered(i, j);
     if (area >= 1) return;
-    const std::int64_t gi = std::int64_t{key_.north_index} * kCells + i;
-    const std::int64_t gj = std::int64_t{key_.east_index} * kCells + j;
+    const std::int64_t gi = std::int64_t{key_.north_index} * kTileCells + i;
+    const std::int64_t gj = std::int64_t{key_.east_index} * kTileCells + j;
     for (int level = key_.level - 1; level >= 0; --level) {
       const int down = key_.level - level;
       const std::int64_t ci = gi >> down, cj = gj >> down;
@@ -208,7 +208,7 @@ class NodeMeans {
             static_cast<std::int16_t>(level)};
   }
   static int cellOf(std::int64_t gi, std::int64_t gj) {
-    return static_cast<int>((gi & (kCells - 1)) * kCells + (gj & (kCells - 1)));
+    return static_cast<int>((gi & (kTileCells - 1)) * kTileCells + (gj & (kTileCells - 1)));
   }
   [[nodiscard]] CellReading read(int level, std::int64_t gi, std::int64_t gj) const {
     const std::int32_t slot = store_.index().find(tileOf(level, gi, gj));
@@ -233,8 +233,8 @@ class NodeMeans {
     return cell.depth + x * slope(a, di, 0, di) + y * slope(b, 0, dj, dj);
   }
 
-  // How much deeper the middle of what a node's mean is made of lies than the node itself: by the plane
-  // through the means around it. Nothing where the cells lie evenly around the node.
+  // Depth of the centre of a node's cells over that of the node, by the plane through the means around it. 0
+  // where the cells are symmetric about the node.
   [[nodiscard]] double carried(int i, int j) const {
     const Sum& sum = at(i, j);
     const double ox = sum.x / sum.area, oy = sum.y / sum.area;
@@ -255,7 +255,7 @@ class NodeMeans {
       yh += dy * dh;
     }
     const double determinant = xx * yy - xy * xy, limit = kMaxSlope * store_.spacing(key_.level);
-    if (determinant < 1e-3) return 0;  // the means around lie on a line
+    if (determinant < 1e-3) return 0;  // the means around are on a line
     const double a = std::clamp((yy * xh - xy * yh) / determinant, -limit, limit);
     const double b = std::clamp((xx * yh - xy * xh) / determinant, -limit, limit);
     return a * ox + b * oy;
@@ -272,7 +272,7 @@ class NodeMeans {
 bool QuadtreeMap::extract(const TileKey& key, HeightTile& out) const {
   const QuadtreeStore& store = impl_->store;
   if (key.level < 0 || key.level > store.config().max_level) return false;
-  // Without a square there, or a coarser one over it, nothing was seen.
+  // Without a square there or a coarser one over it there are no data.
   bool known = false;
   for (TileKey up = key; !known; up = TileIndex::parent(up)) {
     const std::int32_t found = store.index().find(up);

@@ -7,8 +7,7 @@
 
 namespace fathom::fusion {
 
-// State of a QuadtreeMap: fuse() and remove() are in quadtree_map.cpp, the leaves in quadtree_leaves.cpp,
-// tiles in quadtree_extract.cpp.
+// State of a QuadtreeMap: fuse(), remove() and leaves are in quadtree_map.cpp, tiles in quadtree_extract.cpp.
 struct QuadtreeMap::Impl {
   struct Leaf {
     std::uint64_t key = 0;  // packed
@@ -22,7 +21,7 @@ struct QuadtreeMap::Impl {
 
   void findLeaves(int finest);
   void leavesBelow(const TileKey& key, bool shows_through, int finest);
-  // Number of the last change that a tile's content can come from.
+  // Number of the last change that can have changed a tile.
   [[nodiscard]] std::uint32_t revisionOf(const TileKey& key) const;
 
   QuadtreeStore store;

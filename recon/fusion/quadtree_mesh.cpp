@@ -8,15 +8,14 @@
 namespace fathom::fusion {
 namespace {
 
-constexpr int kCells = HeightTile::kCells;
 constexpr int kFinest = 12;  // no map has a finer level
 constexpr std::uint32_t kUnseen = 0xFFFFFFFF;
 
 // Nodes by their place, in spacings of level kFinest, and the cells between them. A cell that has finer
-// neighbours is a fan about its middle, so that no vertex lies on the inside of another triangle's edge.
+// neighbours is a fan about its middle, so that no vertex is on the inside of another triangle's edge.
 class StitchedMesh {
  public:
-  // Leaves come coarse first: where levels meet, the finer one knows the node better.
+  // Leaves come coarse first: where levels meet, the finer one's node is kept.
   void addNodes(const HeightTile& tile) {
     finest_ = std::max<int>(finest_, tile.level);
     const std::int64_t step = stepOf(tile.level);
@@ -43,11 +42,11 @@ class StitchedMesh {
 
   void addCells(const TileKey& key) {
     const std::int64_t step = stepOf(key.level);
-    for (int i = 0; i < kCells; ++i) {
-      for (int j = 0; j < kCells; ++j) {
-        const Place low = {(std::int64_t{key.north_index} * kCells + i) * step,
-                           (std::int64_t{key.east_index} * kCells + j) * step};
-        addCell(low, step, {j == 0, i == kCells - 1, j == kCells - 1, i == 0});
+    for (int i = 0; i < kTileCells; ++i) {
+      for (int j = 0; j < kTileCells; ++j) {
+        const Place low = {(std::int64_t{key.north_index} * kTileCells + i) * step,
+                           (std::int64_t{key.east_index} * kTileCells + j) * step};
+        addCell(low, step, {j == 0, i == kTileCells - 1, j == kTileCells - 1, i == 0});
       }
     }
   }
@@ -82,15 +81,15 @@ class StitchedMesh {
 
   static std::int64_t stepOf(int level) { return std::int64_t{1} << (kFinest - level); }
   static Place placeOf(const HeightTile& tile, std::int64_t step, int i, int j) {
-    return {(std::int64_t{tile.north_index} * kCells + i) * step,
-            (std::int64_t{tile.east_index} * kCells + j) * step};
+    return {(std::int64_t{tile.north_index} * kTileCells + i) * step,
+            (std::int64_t{tile.east_index} * kTileCells + j) * step};
   }
   [[nodiscard]] std::uint32_t nodeAt(const Place& place) const {
     const auto found = nodes_.find(place);
     return found == nodes_.end() ? kUnseen : found->second;
   }
 
-  // `at_border`: sides (west, north, east, south) that lie on the tile's border.
+  // `at_border`: sides (west, north, east, south) on the tile's border.
   void addCell(const Place& low, std::int64_t step, const std::array<bool, 4>& at_border) {
     // Counter-clockwise seen from above (from negative z, where north x east points down).
     const std::array<Place, 4> corner = {low, Place{low[0], low[1] + step},
@@ -132,9 +131,9 @@ class StitchedMesh {
   // Nodes of finer neighbours strictly between two corners.
   void addFiner(const Place& from, const Place& to, std::int64_t step) {
     const std::int64_t finer = stepOf(finest_);
-    const std::array<std::int64_t, 2> way = {(to[0] - from[0]) / step, (to[1] - from[1]) / step};
+    const std::array<std::int64_t, 2> stride = {(to[0] - from[0]) / step, (to[1] - from[1]) / step};
     for (std::int64_t s = finer; s < step; s += finer) {
-      const std::uint32_t node = nodeAt({from[0] + way[0] * s, from[1] + way[1] * s});
+      const std::uint32_t node = nodeAt({from[0] + stride[0] * s, from[1] + stride[1] * s});
       if (node != kUnseen) border_.push_back(node);
     }
   }

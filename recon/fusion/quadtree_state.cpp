@@ -1,11 +1,11 @@
-// The onboard map as saved state. Tiles are saved up to their high-water mark, free places included: what is
-// free is taken in the same order as before, so that a map that was loaded goes on bit by bit as the one
-// that was saved. Layers are saved tile by tile and cell by cell, by packed numbers: their places in the
-// pool mean nothing, and half of their 48 bytes are zeros. The index is made anew from the tiles.
+// Saved state of the onboard map. Tiles are saved up to their high-water mark with the free ones, so that
+// free tiles are taken in the same order and the loaded map continues bit by bit as the saved one. Layers are
+// saved tile by tile and cell by cell as packed numbers, since their places in the pool have no meaning and
+// half of their 48 bytes are zeros. The index is rebuilt from the tiles.
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/kernel/packed_numbers.hpp"
+#include "realtime/base/bytes/packed_numbers.hpp"
 #include "recon/fusion/quadtree_impl.hpp"
 #include "recon/geometry/state_values.hpp"
 
@@ -13,7 +13,7 @@ namespace fathom::fusion {
 namespace {
 
 constexpr std::uint32_t kTag = rt::stateTag("QUAD"), kVersion = 2;
-// Far beyond the 100 km up to which meshes are fused, and within what the index can name.
+// Far beyond the 100 km up to which meshes are fused, and within the range of the index.
 constexpr std::int32_t kFarthestIndex = 1 << 26;
 
 template <typename Archive, typename Key>
@@ -38,7 +38,7 @@ rt::EightNumbers numbersOf(const Layer& layer, std::int32_t bin_before) {
   return {s.count(),   s.weight(),  s.height(),  s.squares(),
           s.colour(0), s.colour(1), s.colour(2), folded(step)};
 }
-// False when they cannot be a layer's.
+// False when the numbers cannot be a layer's.
 bool takeNumbers(const rt::EightNumbers& n, std::int32_t bin_before, Layer& layer) {
   const auto [count, weight, height, squares, red, green, blue, step] = n;
   if (!LayerSums::fits(count, weight, {red, green, blue}) || step >> 32 != 0) return false;
@@ -48,7 +48,7 @@ bool takeNumbers(const rt::EightNumbers& n, std::int32_t bin_before, Layer& laye
   return true;
 }
 
-// So that a writer's bounds are looked at once for many small numbers.
+// Buffers small numbers, so that the writer's bounds are checked once for many.
 class Batch {
  public:
   explicit Batch(rt::StateWriter& writer) : writer_(writer) {}
@@ -56,7 +56,7 @@ class Batch {
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
   void layer(const rt::EightNumbers& numbers) { used_ += rt::packNumbers(numbers, room()); }
-  // Seven bits a byte, the lowest first; the highest bit says that there is more.
+  // Seven bits a byte, the lowest first; the highest bit: another byte follows.
   void number(std::uint32_t n) {
     std::uint8_t* to = room();
     for (; n >= kMore; n >>= 7, ++used_) *to++ = static_cast<std::uint8_t>(n | kMore);
@@ -119,7 +119,7 @@ void QuadtreeStore::exchange(Archive& archive, Self& self) {
     self.candidates_.resize(candidates);
     self.candidates_left_ = candidates;
   }
-  // Those that are used before all are compared anew: the last ones.
+  // The candidates used before the next comparison of all: the last ones.
   for (std::size_t k = self.candidates_.size() - self.candidates_left_; k < self.candidates_.size(); ++k) {
     exchangeKey(archive, self.candidates_[k].parent);
     archive(self.candidates_[k].changed, self.candidates_[k].value);
@@ -207,7 +207,7 @@ bool QuadtreeStore::loadIndex() {
   return true;
 }
 
-// Free tiles and those in use are all there are, each once.
+// Free and used tiles are all tiles, each once.
 bool QuadtreeStore::tilesAreWhole() const {
   std::vector<bool> met(tiles_.size());
   std::size_t used = 0, free = 0;
@@ -223,7 +223,7 @@ bool QuadtreeStore::tilesAreWhole() const {
   return used == static_cast<std::size_t>(counters_.tiles) && used + free == tiles_.size();
 }
 
-// The same of layers; and those of a cell lie in order.
+// The same of layers, with those of a cell in order.
 bool QuadtreeStore::layersAreWhole() const {
   std::vector<bool> met(layers_.size());
   const auto meet = [&](std::int32_t k) {

@@ -9,7 +9,7 @@
 namespace fathom::fusion {
 namespace {
 
-constexpr double kMinSpacing = 1.0 / 256;  // finer than any stereo point is known [m]
+constexpr double kMinSpacing = 1.0 / 256;  // finer than the accuracy of any stereo point [m]
 
 const QuadtreeConfig& checked(const QuadtreeConfig& c) {
   int exponent = 0;
@@ -30,7 +30,7 @@ const QuadtreeConfig& checked(const QuadtreeConfig& c) {
   return c;
 }
 
-// Squares above tiles that lie together are a third of their number; scattered ones need more.
+// Squares above contiguous tiles are a third of their number; scattered ones need more.
 std::size_t indexCapacity(const QuadtreeConfig& c) {
   return 2 * static_cast<std::size_t>(c.max_tiles) + static_cast<std::size_t>(c.max_level) + 1;
 }
@@ -137,7 +137,7 @@ void QuadtreeStore::noteChanged(std::int32_t slot, int cell, std::uint32_t now) 
 
 namespace {
 
-// Where an observation goes in an owner that is `coarser` levels above it.
+// Cell of an observation in an owner `coarser` levels above it.
 int ownerCell(const CellObservation& o, int coarser) {
   const TileKey key = o.tile();
   constexpr int kMask = QuadtreeStore::kCells - 1;

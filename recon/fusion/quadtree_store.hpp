@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "recon/fusion/mesh_observations.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/fusion/quadtree_sums.hpp"
@@ -17,11 +17,10 @@
 namespace fathom::fusion {
 
 // The map's sums: tiles of 16 x 16 cells in a quadtree, each cell a list of layers; two pools and an index,
-// all of fixed size. Squares of several levels may hold sums over the same ground: each observation is kept
-// at the level that it came with. Only a coarsened square takes what is finer into its own sums, then and
-// later ("closed"). So the sums are those of the meshes that are in, whatever the order of events; what lies
-// where depends on nothing but the meshes and the closed squares. Cell g of a level covers [g, g + 1)
-// spacings; tile t has the cells 16 t to 16 t + 15.
+// all of fixed size. Squares of several levels can have sums over the same ground: each observation is kept
+// at its own level. Only a coarsened ("closed") square takes finer observations, present and later, into its
+// own sums. So the content of every square depends on the meshes and the closed squares alone, not on the
+// order of calls. Cell g of a level covers [g, g + 1) spacings; tile t has the cells 16 t to 16 t + 15.
 class QuadtreeStore {
  public:
   static constexpr int kCells = HeightTile::kCells;
@@ -33,8 +32,8 @@ class QuadtreeStore {
   struct Tile {
     TileKey key;
     bool used = false;
-    bool closed = false;  // holds what is finer, too
-    bool sent = false;    // what it shows is known ashore
+    bool closed = false;  // takes finer observations, too
+    bool sent = false;    // the ship has it as shown
     std::int32_t next_free = kNone;
     std::uint32_t layers = 0;
     std::uint32_t seen = 0;               // number of the last fuse() here
@@ -53,13 +52,13 @@ class QuadtreeStore {
   [[nodiscard]] double spacing(int level) const { return tileSize(level) / kCells; }
   [[nodiscard]] int binShiftOf(int level) const { return bin_shift_[static_cast<std::size_t>(level)]; }
 
-  // Puts observations in, all or none: false when there was no room even with everything else coarsened.
+  // Adds observations, all or none: false when there is no room even with everything else coarsened.
   bool add(std::span<const CellObservation> observations, std::uint32_t now);
-  // Takes out what add() put in.
+  // Subtracts observations that add() added.
   void subtract(std::span<const CellObservation> observations, std::uint32_t now);
-  // Makes the square hold what is below it; what is below must hold sums of its own only.
+  // Adds the squares below into the square; only one level may be below it.
   void coarsen(const TileKey& parent, std::uint32_t now);
-  // Whether something stands below, and nothing further below that.
+  // Whether exactly one level of squares is below.
   [[nodiscard]] bool canCoarsen(const TileKey& parent) const;
 
   void noteVehicle(const Eigen::Vector2d& north_east) { vehicle_ = north_east; }
@@ -79,12 +78,12 @@ class QuadtreeStore {
     int tiles = 0, tiles_high_water = 0;
     int layers = 0, layers_high_water = 0;
     std::uint64_t coarsened = 0;
-    std::uint64_t outvoted = 0;  // observations put into another layer than the one that is shown
-    std::uint64_t missing = 0;   // observations to take out that were not there
+    std::uint64_t outvoted = 0;  // observations added to another layer than the one shown
+    std::uint64_t missing = 0;   // observations to subtract that were not there
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
-  // In quadtree_state.cpp. A store whose load() failed is empty.
+  // In quadtree_state.cpp. A store is empty after a failed load().
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 
@@ -94,7 +93,7 @@ class QuadtreeStore {
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   void loadLayers(rt::StateReader& reader);
-  // What must hold of a store that was loaded.
+  // Invariants of a loaded store.
   [[nodiscard]] bool isNameable(const TileKey& key) const;
   [[nodiscard]] bool loadIndex();
   [[nodiscard]] bool tilesAreWhole() const;
@@ -124,14 +123,15 @@ class QuadtreeStore {
   std::int32_t takeLayer();
   void releaseLayer(std::int32_t k);
   void mergeInto(Heads& heads, int cell, std::int32_t layer, int child_shift, int parent_shift);
-  // In quadtree_value.cpp.
-  // A free tile, a free layer, and places in the index for a path.
+  // These are in quadtree_value.cpp.
+
+  // Whether a tile, a layer and index entries for a path are free.
   [[nodiscard]] bool hasRoom() const;
-  // Coarsens what is least valuable until there is room; false: all is as coarse as it can be.
+  // Coarsens groups of least value until there is room; false: everything is as coarse as possible.
   bool makeRoom(std::uint32_t now);
   void findCandidates(std::uint32_t now);
   [[nodiscard]] Candidate valueOf(const TileKey& parent, std::uint32_t now) const;
-  // Measures some tiles' relief anew, in turn.
+  // Measures the relief of a few tiles again, in turn.
   void refreshRelief();
   [[nodiscard]] float measureRelief(std::int32_t slot) const;
 
@@ -142,13 +142,13 @@ class QuadtreeStore {
   std::vector<Heads> heads_;
   std::vector<Layer> layers_;
   std::vector<Candidate> candidates_;  // groups that may be coarsened, the least valuable last
-  std::size_t candidates_left_ = 0;    // to be used before they are looked for anew
-  std::size_t relief_next_ = 0;        // tile that refreshRelief() goes on with
+  std::size_t candidates_left_ = 0;    // to be used before the next findCandidates()
+  std::size_t relief_next_ = 0;        // next tile of refreshRelief()
   Heads merged_{};                     // of coarsen()
   std::int32_t free_tile_ = kNone, free_layer_ = kNone;
   Eigen::Vector2d vehicle_ = Eigen::Vector2d::Constant(std::nan(""));
   Counters counters_;
-  std::uint64_t shape_changes_ = 0;  // of which squares there are
+  std::uint64_t shape_changes_ = 0;  // of the set of squares
 };
 
 }  // namespace fathom::fusion

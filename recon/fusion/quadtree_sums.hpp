@@ -9,17 +9,16 @@
 
 namespace fathom::fusion {
 
-// The whole numbers that the onboard map is made of. A height is counted in units of 2^-13 m; a bin is a
-// slice of nav's depth whose thickness is a power of two units, so that the bins of a coarser level are one
-// or two of the finer one.
+// Units of the onboard map's whole numbers. Heights have units of 2^-13 m; a bin is a slice of nav's depth
+// with a thickness of a power of two units, so that a bin of a coarser level is one or two of the finer one.
 constexpr int kHeightBits = 13;
 constexpr double kHeightUnit = 1.0 / (1 << kHeightBits);  // [m]: 0.12 mm
 constexpr int kWeightBits = 10;
 constexpr std::uint32_t kMaxWeight = (1U << kWeightBits) - 1;  // of an observation as good as min_sigma
 
-// Thickness of a bin [log2 of units]: 1/8 m, which noise and poses rarely leave and a fish above the floor
-// does; at coarser cells two spacings, for a slope within the cell; never above 4 m, so that the sums of
-// squares fit.
+// Thickness of a bin [log2 of units]: 1/8 m, more than noise and pose errors, less than the height of a fish
+// above the floor; at coarser cells two spacings, for a slope within the cell; never above 4 m, so that the
+// sums of squares fit.
 inline int binShift(double spacing) {
   return std::clamp(std::ilogb(2 * spacing), -3, 2) + kHeightBits;
 }
@@ -35,8 +34,8 @@ inline std::uint32_t weightOf(double sigma, double min_sigma) {
 }
 
 // Sums over the observations of one cell in one bin. Heights are above or at the bin's lower edge, so all
-// sums are of numbers >= 0; they are exact up to 2^24 observations, and adding and taking out in any order
-// always gives the same numbers.
+// sums are of numbers >= 0; they are exact up to 2^24 observations, and adding and subtracting in any order
+// gives the same numbers.
 class LayerSums {
  public:
   static constexpr int kCountBits = 24;
@@ -56,7 +55,7 @@ class LayerSums {
     return s;
   }
 
-  // Of the sums that it gives back below, as saved state has them; fits(): whether they can be.
+  // From saved state; fits(): whether the numbers are valid sums.
   using Colours = std::array<std::uint64_t, 3>;
   static bool fits(std::uint64_t count, std::uint64_t weight, const Colours& colours) {
     return count >> kCountBits == 0 && weight >> (64 - kCountBits) == 0 &&
@@ -119,7 +118,7 @@ class LayerSums {
   std::uint64_t colour_low_ = 0, colour_high_ = 0;  // sums of weight * colour, three of 42 bits
 };
 
-// A cell's sums in one bin, as it lies in the pool: cells are lists of layers, uppermost (least depth) first.
+// A cell's sums in one bin, in the pool: cells are lists of layers, uppermost (least depth) first.
 struct Layer {
   LayerSums sums;
   std::int32_t bin = 0;    // nav z in units, shifted right by the level's bin shift

@@ -7,18 +7,18 @@
 namespace fathom::fusion {
 namespace {
 
-// Relief that even flat ground counts with, in spacings: of flat areas the finest is coarsened first.
+// Least relief that counts, in spacings: of flat areas the finest is coarsened first.
 constexpr double kFlat = 0.05;
-// What a mesh just saw is worth so many times more than what was seen long ago, half of it after so many
-// meshes (2.5 minutes at 2 Hz): the next passes meet it.
+// Factor of value of an area that the last mesh saw, since the next passes overlap it; it halves after so
+// many meshes (2.5 minutes at 2 Hz).
 constexpr double kFreshness = 4, kFreshMeshes = 300;
-// The same for what is near the vehicle, half of it at this distance [m]: a few survey lines.
+// The same for an area near the vehicle; it halves at this distance [m], a few survey lines.
 constexpr double kNearness = 4, kNear = 10;
-// What the ship does not have yet exists nowhere else.
+// Factor of value of an area that the ship does not have yet.
 constexpr double kUnsent = 2;
 // Groups coarsened before all are compared again.
 constexpr std::size_t kBatch = 64;
-// Tiles looked at in each fuse(), to measure the relief of those that changed.
+// Tiles checked in each fuse() for a relief to be measured again.
 constexpr std::size_t kReliefTiles = 16;
 // A cell's layers and list cost memory even in a group that is hardly seen [layers].
 constexpr double kGroupCost = 64;
@@ -96,7 +96,7 @@ void QuadtreeStore::findCandidates(std::uint32_t now) {
   candidates_.clear();
   for (const Tile& t : tiles_) {
     if (!t.used || t.key.level == 0) continue;
-    // Each group once, at its first child that holds sums: most are told by one look.
+    // Each group once, at its first child with sums: one look decides for most.
     const TileKey parent = TileIndex::parent(t.key);
     const int own = (t.key.north_index & 1) * 2 + (t.key.east_index & 1);
     bool first = true;

@@ -10,24 +10,23 @@
 
 namespace fathom::fusion {
 
-// A range mesh made ready for fusion: only triangles that can be used and the vertices that they use,
-// relative to the camera centre, with all that a vertex gives to the weights. One object serves one mesh
-// after another and keeps its memory.
+// A range mesh prepared for fusion: the usable triangles and their vertices, relative to the camera centre,
+// with each vertex's terms of the weights. One object serves one mesh after another and keeps its memory.
 class RangeMesh {
  public:
-  // Returns the number of triangles left out.
+  // Prepares a mesh in nav; returns the number of triangles left out.
   std::size_t set(const Mesh& mesh, const Eigen::Vector3d& centre, const VolumetricConfig& config);
 
   struct Vertex {
     Eigen::Vector3d point;  // relative to the camera centre [m]
     float sigma = 0;        // [m]
-    float band = 0;         // half width of the ramp that the data ask for here [m]
+    float band = 0;         // half width of the ramp here [m]
     float border = 0;       // factor of the weight
-    float relief = 0;       // variance of the slopes around, about their mean, but for the points' noise
+    float relief = 0;  // variance of the slopes around, about their mean, without that of the points' noise
     Rgb colour{};
   };
   std::vector<Vertex> vertices;
-  std::vector<Eigen::Vector3f> points;  // the vertices' once more
+  std::vector<Eigen::Vector3f> points;  // of the vertices, in single precision
   std::vector<std::array<std::uint32_t, 3>> triangles;
 
  private:

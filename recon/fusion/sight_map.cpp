@@ -105,7 +105,7 @@ bool SightMap::surelyUnknown(const Eigen::Vector3f& middle, float radius) const 
   const float nearest = depth - radius;
   if (picture_.scale <= 0) return true;
   if (!(nearest > kLeastForward * middle.norm())) return false;
-  // x / z of the ball lies within this of its middle's.
+  // x / z of the ball differs at most by this from its middle's.
   const Eigen::Array2f at(dot(picture_.right, middle) / depth, dot(picture_.down, middle) / depth);
   const float around = radius * (1 + at.abs().maxCoeff()) / nearest;
   const Eigen::Array2f cell = (at - Eigen::Array2f(picture_.origin[0], picture_.origin[1])) * picture_.scale;

@@ -8,13 +8,13 @@
 
 namespace fathom::fusion {
 
-// How far a camera saw through empty water: a coarse picture, from the camera centre, of the depth along the
-// view's axis before which nothing was met. Cautious: a cell holds the least depth of all triangles near it,
-// and cells next to one without triangles hold none. All points are relative to the camera centre. One object
-// serves one mesh after another.
+// Free space in front of a camera: a coarse picture, from the camera centre, of the depth along the view's
+// axis up to which the water is empty. It is conservative: a cell holds the least depth of all triangles near
+// it, and cells next to one without triangles hold none. All points are relative to the camera centre. One
+// object serves one mesh after another.
 class SightMap {
  public:
-  // Lays an empty picture over the points.
+  // Begins an empty picture that covers the points.
   void begin(const std::vector<Eigen::Vector3f>& points);
   // A triangle that begins `band` [m] before its surface; `weight` [1/m^2]. Its corners are three of the
   // points, by number.
@@ -23,7 +23,7 @@ class SightMap {
   void close();
 
   [[nodiscard]] const SightPicture& picture() const { return picture_; }
-  // Whether nothing of a ball is known to be empty (it may be that nothing is all the same).
+  // True only if no part of a ball is known to be empty; can be false for such balls too.
   [[nodiscard]] bool surelyUnknown(const Eigen::Vector3f& middle, float radius) const;
 
  private:

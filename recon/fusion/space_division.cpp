@@ -7,16 +7,16 @@
 namespace fathom::fusion {
 namespace {
 
-// What a cut costs, in meshes that are made twice because of it.
+// Costs of a cut, in meshes that are fused twice because of it.
 constexpr double kClosureCost = 4;   // one severed: its two passes may meet with a step at the border
 constexpr double kTransectCost = 2;  // one crossed
-// A cut with nothing on one side costs this times all meshes, less with the square of the lean: a tenth more
-// on one side than on the other costs half a percent, which is about a transect's width in a dense survey.
+// Cost of a cut with nothing on one side, times all meshes; otherwise in proportion to the imbalance squared:
+// a tenth more on one side costs half a percent, about a transect's width in a dense survey.
 constexpr double kImbalanceCost = 2;
 // Between target and limit a region is cut only where that costs less than this share of its meshes.
 constexpr double kCheap = 0.25;
-constexpr std::int64_t kMaxTiles = 64 * 64;  // of a piece: what has few meshes over wide gaps is cut too
-constexpr double kReach = 1e6;               // [m]: a mesh beyond is a mistake, and left out
+constexpr std::int64_t kMaxTiles = 64 * 64;  // of a piece: limits pieces with few meshes over wide gaps
+constexpr double kReach = 1e6;               // [m]: a mesh beyond is an error and left out
 
 // Along one axis, in tiles.
 struct Span {
@@ -26,7 +26,7 @@ struct Item {
   std::uint32_t mesh = 0;
   std::array<Span, 2> core, reach;  // tiles that it touches; with the overlap
 };
-// Something that a cut at c severs where low < c < high [tiles].
+// A range that a cut at c severs where low < c < high [tiles].
 struct Link {
   std::array<double, 2> low{}, high{};
   double cost = 0;
@@ -47,7 +47,7 @@ bool meets(const Span& a, const Span& b) {
   return a.low < b.high && b.low < a.high;
 }
 
-std::optional<Item> itemOf(std::uint32_t mesh, const Footprint& footprint, double edge, double overlap) {
+std::optional<Item> itemOf(std::uint32_t mesh, const MeshFootprint& footprint, double edge, double overlap) {
   Item item{mesh, {}, {}};
   for (std::size_t axis = 0; axis < 2; ++axis) {
     const double low = footprint.box[axis], high = footprint.box[axis + 2];
@@ -60,7 +60,7 @@ std::optional<Item> itemOf(std::uint32_t mesh, const Footprint& footprint, doubl
 }
 
 // Closures: the ground that both meshes cover, or that between them, should not be cut.
-Link closureOf(const Footprint& a, const Footprint& b, double edge) {
+Link closureOf(const MeshFootprint& a, const MeshFootprint& b, double edge) {
   Link link;
   link.cost = kClosureCost;
   for (std::size_t axis = 0; axis < 2; ++axis) {
@@ -73,7 +73,7 @@ Link closureOf(const Footprint& a, const Footprint& b, double edge) {
 }
 
 // From one mesh's middle to the next one's, where they meet.
-std::optional<Link> transectOf(const Footprint& a, const Footprint& b, double edge) {
+std::optional<Link> transectOf(const MeshFootprint& a, const MeshFootprint& b, double edge) {
   Link link;
   link.cost = kTransectCost;
   for (std::size_t axis = 0; axis < 2; ++axis) {
@@ -128,11 +128,11 @@ std::optional<Cut> bestCut(const Region& region, int axis) {
   std::optional<Cut> best;
   for (std::int32_t at = span.low + 1; at < span.high; ++at) {
     const auto k = static_cast<std::size_t>(at - span.low);
-    const double lean = (l[k] - r[k]) / (l[k] + r[k]);
+    const double imbalance = (l[k] - r[k]) / (l[k] + r[k]);
     // Of equals the one that leaves the squarer tiles.
     const double middle = std::abs(2.0 * at - span.low - span.high) / (span.high - span.low);
     Cut cut{axis, at, l[k] + r[k] - all + s[k], 0};
-    cut.cost = cut.burden + all * kImbalanceCost * (lean * lean + 1e-6 * middle);
+    cut.cost = cut.burden + all * kImbalanceCost * (imbalance * imbalance + 1e-6 * middle);
     if (!best || cut.cost < best->cost) best = cut;
   }
   return best;
@@ -201,7 +201,7 @@ Region side(const Region& region, const Cut& cut, bool high) {
 
 }  // namespace
 
-std::vector<Piece> divideSpace(const std::vector<Footprint>& meshes,
+std::vector<Piece> divideSpace(const std::vector<MeshFootprint>& meshes,
                                const std::vector<std::pair<std::uint32_t, std::uint32_t>>& closures,
                                const TileGrid& grid, const DivisionConfig& config) {
   const double edge = grid.edge(0);

@@ -11,22 +11,21 @@
 namespace fathom::fusion {
 namespace {
 
-constexpr int kEdge = VoxelBlock::kEdge;
 // Distances of neighbouring voxels differ by one voxel over the cosine of incidence. A greater step than this
-// [voxels] is no surface but the seam between the back of one mesh's band and the front of another's.
+// [voxels] is not a surface but the seam between the back of one mesh's band and the front of another's.
 constexpr float kSteepest = 4.0F;
 constexpr unsigned kAllCorners = 0xFF;
-constexpr std::uint32_t kNone = VoxelGrid::kNone;
+constexpr std::uint32_t kNoBlock = VoxelGrid::kNone;
 
-// What the extraction knows of a block.
+// State of the extraction for a block.
 struct BlockCells {
   static constexpr int kWords = VoxelBlock::kVoxels * 3 / 64;
   const VoxelBlock* block = nullptr;
   std::array<std::uint32_t, 8> after{};  // places of the blocks at (0|1, 0|1, 0|1); number dx + 2 dy + 4 dz
   // A bit for each z of the rows (x, y): seen, and inside.
-  std::array<std::uint8_t, kEdge * kEdge> known{}, inside{};
-  std::array<std::uint8_t, kEdge * kEdge> crossed{};  // cells that carry surface
-  std::size_t first_cell = 0;                         // in the list of crossed cells
+  std::array<std::uint8_t, kBlockEdge * kBlockEdge> known{}, inside{};
+  std::array<std::uint8_t, kBlockEdge * kBlockEdge> crossed{};  // cells that carry surface
+  std::size_t first_cell = 0;                                   // in the list of crossed cells
   bool any_split = false;
   // A bit for each voxel edge with a vertex, and the number of the first vertex of each word.
   std::array<std::uint64_t, kWords> used{};
@@ -59,19 +58,19 @@ class Extraction {
     for (std::uint32_t k = 0; k < order.size(); ++k) place[order[k]] = k;
     cells_.resize(order.size());
     for (std::size_t k = 0; k < order.size(); ++k) {
-      const BlockKey& key = grid.keys()[order[k]];
+      const VoxelBlockKey& key = grid.keys()[order[k]];
       out_.parts.push_back({key, 0});
       cells_[k].block = &grid.block(order[k]);
       for (int n = 0; n < 8; ++n) {
         const std::uint32_t number = grid.number({key.x + (n & 1), key.y + (n >> 1 & 1), key.z + (n >> 2)});
-        cells_[k].after[static_cast<std::size_t>(n)] = number == kNone ? kNone : place[number];
+        cells_[k].after[static_cast<std::size_t>(n)] = number == kNoBlock ? kNoBlock : place[number];
       }
     }
     before_.resize(order.size());
-    for (auto& b : before_) b.fill(kNone);
+    for (auto& b : before_) b.fill(kNoBlock);
     for (std::uint32_t k = 0; k < cells_.size(); ++k)
       for (std::size_t n = 0; n < 8; ++n)
-        if (cells_[k].after[n] != kNone) before_[cells_[k].after[n]][n] = k;
+        if (cells_[k].after[n] != kNoBlock) before_[cells_[k].after[n]][n] = k;
   }
 
   ExtractedSurface run() {
@@ -88,10 +87,10 @@ class Extraction {
  private:
   void readSigns(BlockCells& cells) const {
     const VoxelBlock& block = *cells.block;
-    for (std::size_t row = 0; row < kEdge * kEdge; ++row) {
+    for (std::size_t row = 0; row < kBlockEdge * kBlockEdge; ++row) {
       unsigned known = 0, inside = 0;
-      for (std::size_t z = 0; z < kEdge; ++z) {
-        const std::size_t v = row * kEdge + z;
+      for (std::size_t z = 0; z < kBlockEdge; ++z) {
+        const std::size_t v = row * kBlockEdge + z;
         known |= static_cast<unsigned>(block.weight[v] > 0 && block.observations[v] >= rule_.min_observations)
                  << z;
         inside |= static_cast<unsigned>(block.distance[v] < 0) << z;
@@ -105,19 +104,19 @@ class Extraction {
   template <typename Rows>
   unsigned row(const BlockCells& cells, Rows rows, int x, int y) const {
     const auto at = static_cast<std::size_t>((x >> 3) | (y >> 3) << 1);
-    const auto local = static_cast<std::size_t>((x & 7) * kEdge + (y & 7));
+    const auto local = static_cast<std::size_t>((x & 7) * kBlockEdge + (y & 7));
     const std::uint32_t here = cells.after[at], above = cells.after[at + 4];
-    unsigned bits = here == kNone ? 0U : (cells_[here].*rows)[local];
-    if (above != kNone) bits |= ((cells_[above].*rows)[local] & 1U) << kEdge;
+    unsigned bits = here == kNoBlock ? 0U : (cells_[here].*rows)[local];
+    if (above != kNoBlock) bits |= ((cells_[above].*rows)[local] & 1U) << kBlockEdge;
     return bits;
   }
 
   void findCrossedCells(BlockCells& cells) {
     cells.first_cell = crossed_.size();
-    std::array<std::array<unsigned, kEdge + 1>, kEdge + 1> known, inside;
+    std::array<std::array<unsigned, kBlockEdge + 1>, kBlockEdge + 1> known, inside;
     unsigned any = 0, all = ~0U;
-    for (int x = 0; x <= kEdge; ++x) {
-      for (int y = 0; y <= kEdge; ++y) {
+    for (int x = 0; x <= kBlockEdge; ++x) {
+      for (int y = 0; y <= kBlockEdge; ++y) {
         const auto i = static_cast<std::size_t>(x), j = static_cast<std::size_t>(y);
         known[i][j] = row(cells, &BlockCells::known, x, y);
         inside[i][j] = row(cells, &BlockCells::inside, x, y) & known[i][j];
@@ -125,10 +124,10 @@ class Extraction {
         all &= inside[i][j] | ~known[i][j];
       }
     }
-    constexpr unsigned kRow = (1U << (kEdge + 1)) - 1;
+    constexpr unsigned kRow = (1U << (kBlockEdge + 1)) - 1;
     if (any == 0 || (all & kRow) == kRow) return;
-    for (std::size_t x = 0; x < kEdge; ++x) {
-      for (std::size_t y = 0; y < kEdge; ++y) {
+    for (std::size_t x = 0; x < kBlockEdge; ++x) {
+      for (std::size_t y = 0; y < kBlockEdge; ++y) {
         const std::array<std::size_t, 4> xs = {x, x + 1, x, x + 1}, ys = {y, y, y + 1, y + 1};
         unsigned unseen = 0, more_unseen = 0, some = 0, full = kRow;
         for (std::size_t c = 0; c < 4; ++c) {
@@ -150,18 +149,17 @@ class Extraction {
             seen |= (known_bits & 1U) << c | (known_bits >> 1 & 1U) << (c + 4);
           }
           if (seen != kAllCorners && !signOfUnseen(seen, signs)) continue;
-          const auto local = static_cast<std::uint16_t>((x * kEdge + y) * kEdge + z);
+          const auto local = static_cast<std::uint16_t>((x * kBlockEdge + y) * kBlockEdge + z);
           if (tooSteep(cells, local, signs)) continue;
           crossed_.push_back({local, static_cast<std::uint8_t>(signs)});
-          cells.crossed[local / kEdge] |= static_cast<std::uint8_t>(1U << z);
+          cells.crossed[local / kBlockEdge] |= static_cast<std::uint8_t>(1U << z);
         }
       }
     }
   }
 
-  // Of a cell with one unseen corner whose surface is the same whatever is there: that which cuts off the
-  // corner opposite, none of whose edges or faces the unseen one is on. Gives the unseen corner the others'
-  // sign; false: the surface may be another.
+  // For a cell with one unknown corner: true if the surface cuts off the opposite corner and thus does not
+  // depend on the unknown one, which gets the others' sign. False: the surface may depend on it.
   static bool signOfUnseen(unsigned seen, unsigned& signs) {
     const unsigned unseen = kAllCorners & ~seen;
     const unsigned opposite = 1U << (7 - std::countr_zero(unseen));
@@ -176,7 +174,7 @@ class Extraction {
     std::array<float, 8> d{};
     for (int c = 0; c < 8; ++c) {
       const Corner at = corner(local, c);
-      if (cells.after[neighbour(at)] != kNone) d[static_cast<std::size_t>(c)] = distance(cells, at);
+      if (cells.after[neighbour(at)] != kNoBlock) d[static_cast<std::size_t>(c)] = distance(cells, at);
     }
     for (std::size_t e = 0; e < MarchingCubesTable::kEdges; ++e) {
       const auto& edge = table_.edge(e);
@@ -227,8 +225,9 @@ class Extraction {
   [[nodiscard]] bool isCrossed(std::uint32_t place, const std::array<int, 3>& at) const {
     const auto n = static_cast<std::size_t>((at[0] < 0) | (at[1] < 0) << 1 | (at[2] < 0) << 2);
     const std::uint32_t in = before_[place][n];
-    if (in == kNone) return false;
-    return (cells_[in].crossed[static_cast<std::size_t>((at[0] & 7) * kEdge + (at[1] & 7))] >> (at[2] & 7) &
+    if (in == kNoBlock) return false;
+    return (cells_[in].crossed[static_cast<std::size_t>((at[0] & 7) * kBlockEdge + (at[1] & 7))] >>
+                (at[2] & 7) &
             1) != 0;
   }
 
@@ -270,8 +269,9 @@ class Extraction {
     const VoxelBlock &one = *cells.block, &other = *cells_[cells.after[neighbour(to)]].block;
     const std::size_t a = local, b = localOf(to);
     const float s = one.distance[a] / (one.distance[a] - other.distance[b]);
-    const BlockKey& key = out_.parts[where.place].block;
-    const std::array<int, 3> voxel = {key.x * kEdge + from.x, key.y * kEdge + from.y, key.z * kEdge + from.z};
+    const VoxelBlockKey& key = out_.parts[where.place].block;
+    const std::array<int, 3> voxel = {key.x * kBlockEdge + from.x, key.y * kBlockEdge + from.y,
+                                      key.z * kBlockEdge + from.z};
     Eigen::Vector3f at;
     for (std::size_t k = 0; k < 3; ++k)
       at[static_cast<int>(k)] =
@@ -279,7 +279,7 @@ class Extraction {
     out_.mesh.vertices.push_back(at);
     const float wa = (1 - s) * one.weight[a], wb = s * other.weight[b];
     out_.mesh.sigma.push_back(1.0F / std::sqrt(wa + wb));
-    // Colours by weight too: a voxel that hardly anything saw says little.
+    // Colours by weight too: a voxel of little weight counts little.
     Rgb colour;
     for (std::size_t c = 0; c < 3; ++c) {
       const float mean = (wa * one.colour[c][a] + wb * other.colour[c][b]) / (wa + wb);
@@ -311,8 +311,7 @@ class Extraction {
     if (owner.any_split) {
       const auto& edge = table_.edge(index);
       const int last_axis = edge.axis == 2 ? 1 : 2;
-      const bool further =
-          (edge.from >> last_axis & 1) == 0;  // the cell lies beyond the edge along that axis
+      const bool further = (edge.from >> last_axis & 1) == 0;  // the cell is beyond the edge along that axis
       const auto found = std::lower_bound(splits_.begin(), splits_.end(), Split{at});
       if (further && found != splits_.end() && !(Split{at} < *found))
         return static_cast<std::uint32_t>(out_.mesh.vertices.size() - splits_.size() +

@@ -7,13 +7,12 @@
 
 namespace fathom::fusion {
 
-// Hash index from tile key to what stands there: nothing, or a square of the quadtree with the slot of its
-// own sums (if it has any) and the number of its children that stand there too. Open addressing in a table
-// sized once; removal by backward shift.
+// Hash index of the quadtree's squares by tile key: the slot of a square's own sums (if it has any) and the
+// number of its children in the index. Open addressing in a table sized once; removal by backward shift.
 class TileIndex {
  public:
   static constexpr std::int32_t kAbsent = -2;
-  static constexpr std::int32_t kInner = -1;  // stands only for what is below it
+  static constexpr std::int32_t kInner = -1;  // without own sums, only with squares below it
 
   // `capacity`: entries that must fit; the table is kept at most half full.
   explicit TileIndex(std::size_t capacity) : capacity_(capacity) {
@@ -46,10 +45,10 @@ class TileIndex {
   }
 
   [[nodiscard]] std::int32_t find(const TileKey& key) const { return entry(key).value; }
-  // How many of the four children stand in the index.
+  // Number of the four children in the index.
   [[nodiscard]] int below(const TileKey& key) const { return entry(key).below; }
 
-  // Inserts or overwrites; a new one makes its ancestors stand too. The caller has seen to room().
+  // Inserts or overwrites, and inserts missing ancestors. The caller checks room() before.
   void set(const TileKey& key, std::int32_t value) {
     Entry& e = place(key);
     if (e.value != kAbsent) {
@@ -63,7 +62,7 @@ class TileIndex {
     if (find(up) == kAbsent) set(up, kInner);
     ++place(up).below;
   }
-  // The square loses its own sums; it goes, and so do ancestors, once there is nothing below either.
+  // Takes the square's own sums away; removes it, and its ancestors, when nothing is below them either.
   void drop(const TileKey& key) {
     Entry& e = place(key);
     if (e.value == kAbsent) return;
@@ -80,7 +79,7 @@ class TileIndex {
   // Entries that can still be made.
   [[nodiscard]] std::size_t room() const { return capacity_ - used_; }
   [[nodiscard]] std::size_t capacity() const { return capacity_; }
-  // Calls visit(key, value) for every entry, in no order that means anything.
+  // Calls visit(key, value) for every entry, in no particular order.
   template <typename Visit>
   void forEach(Visit&& visit) const {
     for (const Entry& e : table_)
@@ -109,7 +108,7 @@ class TileIndex {
     packed ^= packed >> 31;
     return static_cast<std::size_t>(packed) & mask_;
   }
-  // Where the key is, or the empty place where it would go.
+  // Place of the key, or the empty place for it.
   [[nodiscard]] std::size_t at(std::uint64_t packed) const {
     std::size_t k = home(packed);
     while (table_[k].value != kAbsent && table_[k].key != packed) k = (k + 1) & mask_;
@@ -121,7 +120,7 @@ class TileIndex {
   void erase(const TileKey& key) {
     std::size_t hole = at(pack(key));
     for (std::size_t k = (hole + 1) & mask_; table_[k].value != kAbsent; k = (k + 1) & mask_) {
-      // An entry may move back into the hole unless its home lies between the hole and itself.
+      // An entry may move back into the hole unless its home is between the hole and itself.
       const std::size_t from_home = (k - home(table_[k].key)) & mask_;
       if (from_home >= ((k - hole) & mask_)) {
         table_[hole] = table_[k];

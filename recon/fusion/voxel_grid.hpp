@@ -7,14 +7,14 @@
 
 namespace fathom::fusion {
 
-struct BlockKey {
+struct VoxelBlockKey {
   std::int32_t x = 0, y = 0, z = 0;
-  bool operator==(const BlockKey&) const = default;
-  auto operator<=>(const BlockKey&) const = default;
+  bool operator==(const VoxelBlockKey&) const = default;
+  auto operator<=>(const VoxelBlockKey&) const = default;
 };
 
-// What the voxels of a block know (Curless & Levoy's D and W), each quantity by itself so that a column of
-// eight voxels along z is one load.
+// The voxels of a block (Curless & Levoy's D and W): an array for each quantity, so that a column of eight
+// voxels along z is one load.
 struct VoxelBlock {
   static constexpr int kEdge = 8;
   static constexpr int kVoxels = kEdge * kEdge * kEdge;
@@ -31,25 +31,27 @@ struct VoxelBlock {
   }
 };
 
+inline constexpr int kBlockEdge = VoxelBlock::kEdge;
+
 // Sparse grid of voxels in blocks of 8^3, found by hashing (open addressing). Voxel (i, j, k) has its centre
-// at (i, j, k) * edge. Blocks are numbered in the order in which they were made and never move.
+// at (i, j, k) * edge. Blocks are numbered in the order of their creation and never move.
 class VoxelGrid {
  public:
   static constexpr std::uint32_t kNone = 0xFFFFFFFF;
 
   VoxelGrid() : slots_(kFirstSlots) {}
 
-  // Number of the block, kNone where there is none.
-  [[nodiscard]] std::uint32_t number(const BlockKey& key) const {
+  // Number of the block; kNone without a block there.
+  [[nodiscard]] std::uint32_t number(const VoxelBlockKey& key) const {
     for (std::size_t at = hash(key) & (slots_.size() - 1);; at = (at + 1) & (slots_.size() - 1)) {
       if (slots_[at].block == kNone || slots_[at].key == key) return slots_[at].block;
     }
   }
-  [[nodiscard]] VoxelBlock* find(const BlockKey& key) {
+  [[nodiscard]] VoxelBlock* find(const VoxelBlockKey& key) {
     const std::uint32_t found = number(key);
     return found == kNone ? nullptr : &blocks_[found];
   }
-  VoxelBlock& make(const BlockKey& key) {
+  VoxelBlock& make(const VoxelBlockKey& key) {
     if (VoxelBlock* found = find(key)) return *found;
     if (2 * (keys_.size() + 1) > slots_.size()) grow();
     insert(key, static_cast<std::uint32_t>(keys_.size()));
@@ -60,29 +62,29 @@ class VoxelGrid {
   [[nodiscard]] VoxelBlock& block(std::uint32_t number) { return blocks_[number]; }
 
   // Keys of all blocks, by number.
-  [[nodiscard]] const std::vector<BlockKey>& keys() const { return keys_; }
+  [[nodiscard]] const std::vector<VoxelBlockKey>& keys() const { return keys_; }
 
   // Blocks, keys and the index.
   [[nodiscard]] std::size_t memoryBytes() const {
-    return blocks_.size() * (sizeof(VoxelBlock) + sizeof(void*)) + keys_.capacity() * sizeof(BlockKey) +
+    return blocks_.size() * (sizeof(VoxelBlock) + sizeof(void*)) + keys_.capacity() * sizeof(VoxelBlockKey) +
            slots_.size() * sizeof(Slot);
   }
 
  private:
   static constexpr std::size_t kFirstSlots = 256;  // a power of two, as after every growth
   struct Slot {
-    BlockKey key;
+    VoxelBlockKey key;
     std::uint32_t block = kNone;
   };
 
-  static std::size_t hash(const BlockKey& k) {
+  static std::size_t hash(const VoxelBlockKey& k) {
     // Teschner et al. 2003, "Optimized spatial hashing", with the high bits mixed in.
     const std::uint64_t h = static_cast<std::uint64_t>(k.x) * 73856093U ^
                             static_cast<std::uint64_t>(k.y) * 19349669U ^
                             static_cast<std::uint64_t>(k.z) * 83492791U;
     return static_cast<std::size_t>(h ^ h >> 15);
   }
-  void insert(const BlockKey& key, std::uint32_t block) {
+  void insert(const VoxelBlockKey& key, std::uint32_t block) {
     std::size_t at = hash(key) & (slots_.size() - 1);
     while (slots_[at].block != kNone) at = (at + 1) & (slots_.size() - 1);
     slots_[at] = {key, block};
@@ -92,8 +94,8 @@ class VoxelGrid {
     for (std::uint32_t k = 0; k < keys_.size(); ++k) insert(keys_[k], k);
   }
 
-  std::deque<VoxelBlock> blocks_;  // grows without moving what is there
-  std::vector<BlockKey> keys_;
+  std::deque<VoxelBlock> blocks_;  // grows without moving its elements
+  std::vector<VoxelBlockKey> keys_;
   std::vector<Slot> slots_;
 };
 

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/number_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/files/input_file.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom {
@@ -38,7 +38,8 @@ Eigen::Vector2d FlatPort::project(const Eigen::Vector3d& point) const {
   const double r = across.norm();
   constexpr double kOnAxis = 1e-12;  // of the depth
   if (!(water > 0) || r <= kOnAxis * along) return air.project(point);
-  // Where the light leaves the axis by r: convex and growing, begun beyond the root, so that it only falls.
+  // Newton's iteration on the sine in air at which the light reaches the distance r from the axis: the
+  // function is convex and rising and the start is beyond the root, so that the sine only falls.
   double sine = std::min(kGrazing, water_index * r / std::hypot(r, along));
   constexpr int kMaxIterations = 20;
   constexpr double kEnough = 1e-14;
@@ -119,7 +120,7 @@ void readPorts(const std::filesystem::path& calibration, StereoRig& rig) {
     port.normal.normalize();
     constexpr double kFarthest = 1, kThickest = 0.2;  // [m]
     port.distance = in.next();
-    if (!(port.distance >= 0 && port.distance <= kFarthest)) in.fail("the glass lies 0 to 1 m away");
+    if (!(port.distance >= 0 && port.distance <= kFarthest)) in.fail("the glass is 0 to 1 m away");
     port.glass = in.next();
     if (!(port.glass >= 0 && port.glass <= kThickest)) in.fail("the glass is 0 to 0.2 m thick");
     for (double* index : {&port.glass_index, &port.water_index}) {
@@ -130,7 +131,7 @@ void readPorts(const std::filesystem::path& calibration, StereoRig& rig) {
     for (const double v : {camera->fx, camera->fy, camera->cx, camera->cy, camera->k1, camera->k2, camera->p1,
                            camera->p2, camera->k3})
       if (!std::isfinite(v) || !(camera->fx > 0 && camera->fy > 0))
-        in.fail("no image is seen through the port up to here by the lens of " + calibration.string());
+        in.fail("the port up to here leaves no image to the lens of " + calibration.string());
   }
 }
 

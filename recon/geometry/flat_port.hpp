@@ -10,9 +10,9 @@ namespace fathom {
 struct StereoRig;
 
 // A camera in air behind a plane of glass, water beyond: light bends at both faces, so that rays of different
-// pixels meet in no one point (Treibitz et al. 2012, "Flat refractive geometry", IEEE PAMI 34, 2).
+// pixels do not meet in one point (Treibitz et al. 2012, "Flat refractive geometry", IEEE PAMI 34, 2).
 struct FlatPort {
-  Camera air = {};                                    // as it sees without port and water
+  Camera air = {};                                    // the camera without port and water
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // of the glass, towards the water; camera frame, unit
   double distance = 0;                                // centre of projection to the inner face [m]
   double glass = 0;                                   // thickness [m]
@@ -35,7 +35,8 @@ inline constexpr double kPortDepth = 2.0;
 
 // Of FILE.ports beside a calibration FILE, where there is one: a line for each camera, left first, of
 //   normal x y z, distance to the glass [m], its thickness [m], its index of refraction, the water's
-// The calibration then is that of the cameras in air. Throws InputError naming the number that cannot be.
+// The calibration then is that of the cameras in air. Throws InputError naming the number that is out of
+// range.
 [[nodiscard]] std::filesystem::path portsBeside(const std::filesystem::path& calibration);
 void readPorts(const std::filesystem::path& calibration, StereoRig& rig);
 // Writes it, or removes it where neither camera has a port.

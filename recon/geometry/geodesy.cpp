@@ -9,7 +9,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom {
 namespace {
@@ -53,11 +54,10 @@ using ContextPtr = std::unique_ptr<PJ_CONTEXT, decltype(&proj_context_destroy)>;
 using ProjPtr = std::unique_ptr<PJ, decltype(&proj_destroy)>;
 
 Eigen::Vector2d projToLocal(const Geodetic& origin, const Geodetic& position) {
-  constexpr double kDegree = 180.0 / std::numbers::pi;
   const ContextPtr context(proj_context_create(), &proj_context_destroy);
   const std::string definition =
       formatted("+proj=tmerc +ellps=WGS84 +k=1 +x_0=0 +y_0=0 +lat_0=%.15g +lon_0=%.15g",
-                origin.latitude * kDegree, origin.longitude * kDegree);
+                origin.latitude * kDegreesPerRadian, origin.longitude * kDegreesPerRadian);
   const ProjPtr pj(proj_create(context.get(), definition.c_str()), &proj_destroy);
   if (!pj) throw std::runtime_error("PROJ refuses " + definition);
   const PJ_COORD xy = proj_trans(pj.get(), PJ_FWD, proj_coord(position.longitude, position.latitude, 0, 0));
@@ -111,6 +111,10 @@ double meridianConvergence(double east, double latitude) noexcept {
   constexpr double kEquator = 6378137.0, kEccentricity2 = 6.69437999014e-3;  // of WGS84 [m], [1]
   const double sine = std::sin(latitude);
   return east / kEquator * std::sqrt(1 - kEccentricity2 * sine * sine) * std::tan(latitude);
+}
+
+int utmZone(double longitude) noexcept {
+  return static_cast<int>(std::floor((longitude / kRadiansPerDegree + 180) / 6)) % 60 + 1;
 }
 
 }  // namespace fathom

@@ -9,8 +9,8 @@
 
 namespace fathom {
 
-// A square of seafloor as heights on a regular lattice in nav: what the map gives and the map codec takes.
-// Node (i, j) stands at north = north0() + i * spacing(), east = east0() + j * spacing(); the last row and
+// A square of seafloor as heights on a regular lattice in nav: output of the map, input of the map codec.
+// Node (i, j) is at north = north0() + i * spacing(), east = east0() + j * spacing(); the last row and
 // column repeat the first of the neighbouring tiles, so that tiles of one level join without gaps.
 struct HeightTile {
   static constexpr int kCells = 16;         // per side
@@ -20,9 +20,9 @@ struct HeightTile {
   struct Node {
     float depth = 0;     // nav z, down [m]
     float sigma = 0;     // standard deviation of depth [m]
-    float coverage = 0;  // 0 (never seen: depth, sigma and colour mean nothing) to 1 (fully observed)
+    float coverage = 0;  // 0 (never measured: depth, sigma and colour mean nothing) to 1 (fully observed)
     Rgb colour{};
-    bool layered = false;  // a second surface was seen above or below the one shown
+    bool layered = false;  // a second surface was measured above or below the one shown
   };
 
   std::int32_t north_index = 0;  // tile number northwards: the tile begins at north_index * size

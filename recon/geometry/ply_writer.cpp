@@ -1,3 +1,5 @@
+#include "recon/geometry/ply_writer.hpp"
+
 #include <bit>
 #include <cstdint>
 #include <cstring>
@@ -5,10 +7,6 @@
 #include <sstream>
 #include <stdexcept>
 #include <utility>
-
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
-#include "recon/geometry/ply_parts.hpp"
 
 namespace fathom {
 namespace {

@@ -1,9 +1,8 @@
 #include "recon/geometry/se3.hpp"
 
+#include <Eigen/Dense>
 #include <cmath>
 #include <numbers>
-
-#include "recon/geometry/cross_matrix.hpp"
 
 namespace fathom {
 namespace {
@@ -71,6 +70,18 @@ SE3 interpolate(const SE3& a, const SE3& b, double s) {
 double wrapAngle(double radians) {
   const double wrapped = std::remainder(radians, 2.0 * std::numbers::pi);
   return wrapped <= -std::numbers::pi ? wrapped + 2.0 * std::numbers::pi : wrapped;
+}
+
+std::optional<Eigen::Matrix3d> nearestRotation(const Eigen::Matrix3d& r) {
+  constexpr double kTolerance = 1e-3;  // real files carry six decimals
+  const double off = (r.transpose() * r - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(off <= kTolerance) || r.determinant() < 0) return std::nullopt;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(r, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return svd.matrixU() * svd.matrixV().transpose();
+}
+
+Eigen::Matrix4d rigidAlignment(const Eigen::Matrix3Xd& from, const Eigen::Matrix3Xd& to, bool scaled) {
+  return Eigen::umeyama(from, to, scaled);
 }
 
 }  // namespace fathom

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <optional>
 
 namespace fathom {
 
@@ -56,5 +57,21 @@ class SE3 {
 
 // Angle in (-pi, pi].
 [[nodiscard]] double wrapAngle(double radians);
+
+// The matrix of a cross product: crossMatrix(v) u = v x u.
+[[nodiscard]] inline Eigen::Matrix3d crossMatrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+// The rotation nearest to a matrix that a file gives with few decimals (polar decomposition); none where an
+// element of R^T R - I is over 1e-3, or R mirrors.
+[[nodiscard]] std::optional<Eigen::Matrix3d> nearestRotation(const Eigen::Matrix3d& r);
+
+// The rigid motion, as a matrix of homogeneous coordinates, that takes points `from` nearest to their
+// counterparts `to`, a column each (Umeyama 1991); `scaled`: with the best scale besides.
+[[nodiscard]] Eigen::Matrix4d rigidAlignment(const Eigen::Matrix3Xd& from, const Eigen::Matrix3Xd& to,
+                                             bool scaled = false);
 
 }  // namespace fathom

@@ -7,7 +7,7 @@
 #include <optional>
 #include <variant>
 
-#include "recon/geometry/file_name.hpp"
+#include "realtime/base/files/file_name.hpp"
 
 namespace fathom {
 
@@ -35,13 +35,13 @@ struct AttitudeSample {
   bool magnetic = true;
 };
 
-// Rate of turn. Of the two values one is there.
+// Rate of turn. One of the two values is present.
 struct GyroSample {
   std::int64_t utc_ns = 0;
   // About the gyro's axes (forward, starboard, down when T_body_compass is identity: gyro and compass are
   // taken for one instrument) [rad/s].
   std::optional<Eigen::Vector3d> body_rate;
-  std::optional<double> heading_rate;  // of an instrument that tells no more; to starboard positive [rad/s]
+  std::optional<double> heading_rate;  // of an instrument without the others; to starboard positive [rad/s]
 };
 
 struct DepthSample {
@@ -52,7 +52,7 @@ struct DepthSample {
 // Position of the vehicle's transponder as the ship's USBL computed it.
 struct UsblFix {
   std::int64_t utc_ns = 0;          // of the ping, not of the fix's arrival
-  std::int64_t arrival_utc_ns = 0;  // when the vehicle learns it (over the modem)
+  std::int64_t arrival_utc_ns = 0;  // when the vehicle receives it (over the modem)
   double latitude = 0;              // [rad]
   double longitude = 0;             // [rad]
   double depth = 0;                 // [m]
@@ -76,7 +76,7 @@ struct WaterSample {
   std::optional<double> turbidity;     // optical backscatter [1/m/sr]
 };
 
-// Of the vehicle's main battery, as its management system tells it.
+// State of the vehicle's main battery, from its management system.
 struct BatterySample {
   std::int64_t utc_ns = 0;
   std::optional<double> voltage;  // [V]
@@ -84,7 +84,7 @@ struct BatterySample {
   std::optional<double> charge;   // left, 0 to 1
 };
 
-// How far the vehicle's own mission control says the mission has come.
+// Progress of the mission, from the vehicle's own mission control.
 struct MissionProgressSample {
   std::int64_t utc_ns = 0;
   double fraction = 0;  // 0 to 1
@@ -103,7 +103,7 @@ struct ImageEvent {
 // Nothing that owns memory: copying a sample never throws and never calls the heap.
 using SensorSample = std::variant<DvlSample, AttitudeSample, DepthSample, UsblFix, GpsFix, WaterSample,
                                   BatterySample, MissionProgressSample, GyroSample, ImageEvent>;
-// Those that devices other than cameras give.
+// Number of kinds that devices other than cameras give.
 inline constexpr std::size_t kDeviceKinds = std::variant_size_v<SensorSample> - 1;
 
 }  // namespace fathom

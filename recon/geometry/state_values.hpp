@@ -4,10 +4,10 @@
 #include <Eigen/Geometry>
 #include <cstddef>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 
-// How Eigen's matrices of fixed size and quaternions are saved (state_archive.hpp): their numbers in a row.
-// In Eigen's namespace, where they are looked for.
+// Saved state (state_archive.hpp) of Eigen's matrices of fixed size and quaternions: their numbers in a row.
+// In Eigen's namespace, for argument-dependent lookup.
 namespace Eigen {
 
 template <typename Archive, typename Scalar, int Rows, int Columns, int Options>

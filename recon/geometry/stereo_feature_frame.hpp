@@ -12,7 +12,7 @@ namespace fathom {
 // A descriptor of 8 bits a bin: square roots of a SIFT histogram of sum 1 (Arandjelovic 2012).
 using RootSift = std::array<std::uint8_t, 128>;
 
-// A place that both cameras of a rig saw, as matching left it, without the pixels about it.
+// A place matched in both images of a rig, without the pixels about it.
 struct StereoFeature {
   Eigen::Vector2f left, right;  // distorted pixels
   float size = 0;               // diameter of what is described [px of the left image]
@@ -23,7 +23,7 @@ struct StereoFeature {
   RootSift descriptor{};
 };
 
-// What a stereo pair saw, where a mission keeps features instead of images. Strongest first.
+// Features of a stereo pair, where a mission keeps these instead of images. Strongest first.
 struct StereoFeatureFrame {
   int width = 0, height = 0;  // of the left image [px]
   std::vector<StereoFeature> features;

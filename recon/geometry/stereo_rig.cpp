@@ -4,11 +4,11 @@
 #include <iomanip>
 #include <string>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/files/input_file.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/geometry/flat_port.hpp"
-#include "recon/geometry/nearest_rotation.hpp"
-#include "recon/geometry/number_file.hpp"
+#include "recon/geometry/se3.hpp"
 
 namespace fathom {
 namespace {

@@ -19,7 +19,7 @@ struct StereoRig {
   }
 };
 
-// The same point of the scene in both images, not judged by the calibration [px].
+// The same point of the scene in both images, whether or not it fits the calibration [px].
 struct RigMatch {
   Eigen::Vector2d left, right;
 
@@ -30,7 +30,7 @@ struct RigMatch {
 };
 
 // Reads an ACFR stereo.calib (55, 57 or 100 numbers; see "stereo.calib" of the mission folder). Throws
-// InputError naming the count, or the number that cannot be: focal length, size, a rotation that is none, a
+// InputError naming the count, or the number out of range: focal length, size, a rotation that is none, a
 // zero baseline. Flat ports come from the file beside it (readPorts()).
 [[nodiscard]] StereoRig readStereoCalib(const std::filesystem::path& path);
 
@@ -43,11 +43,11 @@ void writeStereoCalib(const std::filesystem::path& path, const StereoRig& rig);
 // Returns false (and leaves the outputs) when the rays are parallel or meet behind a camera.
 [[nodiscard]] bool triangulateMidpoint(const StereoRig& rig, const Eigen::Vector3d& left_ray,
                                        const Eigen::Vector3d& right_ray, Eigen::Vector3d& point, double& gap);
-// The same from distorted pixels [px], through flat ports where there are some: rays of the depth found.
+// The same from distorted pixels [px]; through flat ports, with the rays of the depth found.
 [[nodiscard]] bool triangulatePixels(const StereoRig& rig, const Eigen::Vector2d& left,
                                      const Eigen::Vector2d& right, Eigen::Vector3d& point, double& gap);
-// Their rays (x, y, 1), each in its own camera's frame; behind flat ports of the depth at which they meet, if
-// they do.
+// Rays (x, y, 1) of two pixels, each in its own camera's frame; behind flat ports those of the depth at which
+// they meet, if they do.
 struct RayPair {
   Eigen::Vector3d left, right;
 };

@@ -18,7 +18,7 @@ struct SymmetricEigen {
 template <int kRows>
 [[nodiscard]] SymmetricEigen<kRows> symmetricEigen(const Eigen::Matrix<double, kRows, kRows>& m);
 
-// Eigenvalues of `a` by the measure of `b`, which is positive: every l with a x = l b x, rising.
+// Generalised eigenvalues: every l with a x = l b x, rising; `b` positive definite.
 [[nodiscard]] Vector6d relativeEigenvalues(const Matrix6d& a, const Matrix6d& b);
 
 }  // namespace fathom

@@ -7,8 +7,8 @@
 
 namespace fathom {
 
-// Where a tile of the model lies: squares of nav's horizontal plane (x north, y east), level 0 the finest; a
-// tile of the next level covers TileGrid::kFanOut x kFanOut of them.
+// Index of a tile of the model: a square of nav's horizontal plane (x north, y east). Level 0 is the finest;
+// a tile of the next level covers TileGrid::kFanOut x kFanOut of them.
 struct TileId {
   int level = 0;
   std::int32_t x = 0, y = 0;
@@ -30,7 +30,7 @@ struct TileRange {
 // their border.
 struct TileGrid {
   static constexpr int kFanOut = 4;  // children along one side: texel and polygon sizes grow as much a level
-  // All vertices of tiles stand on this lattice in nav [m]: a power of two, so that a coordinate less than
+  // All vertices of tiles are on this lattice in nav [m]: a power of two, so that a coordinate less than
   // 8 km is exact in single precision and survives the tiles' quantisation to the last bit.
   static constexpr double kLattice = 1.0 / 2048;
 

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "recon/geometry/image_view.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/tile_grid.hpp"
 
@@ -20,6 +21,14 @@ struct TileMesh {
   std::vector<std::uint8_t> shared;  // a vertex: bits of TileSide, 0 inside
   std::vector<std::uint16_t> views;  // a vertex: meshes that saw it; may be empty
   double error = 0;                  // of simplification, against the finest surface: greatest distance [m]
+};
+
+// A tile's surface with its texture. mesh.texture_coordinates lead into the atlas (t upwards:
+// row = (1 - t) * height, texel centres at half steps); vertices at charts' seams appear twice.
+struct TexturedTile {
+  TileMesh surface;
+  RgbImage atlas;    // empty: colour by vertex
+  double texel = 0;  // edge of a texel on the surface [m]
 };
 
 }  // namespace fathom

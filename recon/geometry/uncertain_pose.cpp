@@ -2,8 +2,6 @@
 
 #include <Eigen/Dense>
 
-#include "recon/geometry/cross_matrix.hpp"
-
 namespace fathom {
 namespace {
 
@@ -21,6 +19,14 @@ SE3 perturbed(const SE3& pose, const Vector6d& step) {
   const Eigen::Quaterniond turn =
       angle > 0 ? Eigen::Quaterniond(Eigen::AngleAxisd(angle, phi / angle)) : Eigen::Quaterniond::Identity();
   return pose * SE3(turn, step.head<3>());
+}
+
+Vector6d perturbation(const SE3& from, const SE3& to) {
+  const SE3 difference = from.inverse() * to;
+  const Eigen::AngleAxisd turn(difference.rotation());
+  Vector6d step;
+  step << difference.translation(), wrapAngle(turn.angle()) * turn.axis();
+  return step;
 }
 
 bool solveStep(const Matrix6d& information, const Vector6d& gradient, Vector6d& step) {

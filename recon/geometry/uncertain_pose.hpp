@@ -7,6 +7,9 @@ namespace fathom {
 // Right perturbation of a pose: T (R = exp(phi), t = rho) for the vector (rho, phi) [m, rad].
 [[nodiscard]] SE3 perturbed(const SE3& pose, const Vector6d& step);
 
+// The vector of the right perturbation that takes `from` to `to`, its inverse.
+[[nodiscard]] Vector6d perturbation(const SE3& from, const SE3& to);
+
 // Newton's step from the normal equations of such a vector, information * step = gradient; false where the
 // information is not positive.
 [[nodiscard]] bool solveStep(const Matrix6d& information, const Vector6d& gradient, Vector6d& step);
@@ -24,12 +27,12 @@ struct UncertainPose {
 // Squared Mahalanobis distance (6 degrees of freedom) by which two measured poses a - b and a2 - b2 of
 // neighbours disagree around the cycle a - b - b2 - a2:
 //   e = log((T_a_b T_b_b2)^-1 (T_a_a2 T_a2_b2)),
-// against the covariances of both and of the two sides, whose ways are short. Two measurements that look
-// alike in places that are not the same agree by chance alone.
+// against the covariances of both and of the two short sides. Two closures of look-alike but different places
+// agree by chance alone.
 [[nodiscard]] double cycleDistance2(const UncertainPose& a_b, const UncertainPose& b_b2,
                                     const UncertainPose& a_a2, const UncertainPose& a2_b2);
 inline constexpr double kCycleGate = 16.81;  // of it: chi-square with 6 degrees of freedom, 99 %
-// Whether a measured pose a - c comes, within that gate, to where measured ones a - b and b - c lead.
+// Whether a measured pose a - c agrees, within that gate, with the measured chain a - b, b - c.
 [[nodiscard]] bool closesTriangle(const UncertainPose& a_c, const UncertainPose& a_b,
                                   const UncertainPose& b_c);
 

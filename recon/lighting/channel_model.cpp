@@ -9,8 +9,8 @@ namespace fathom::lighting {
 namespace {
 
 // Samples that a node's statistics shall rest on. Neighbouring samples, and those of overlapping images, show
-// the same stone: perhaps one in fifty is independent, and a seafloor whose brightness varies by 30 % is then
-// averaged to 1 %.
+// the same stone: perhaps one in fifty is independent, and a seafloor with 30 % of texture is then averaged
+// to 1 %.
 constexpr double kWantedSamples = 40000;
 // The strobes' pattern is straight, in logarithms, within this part of an image's side, to each side.
 constexpr int kSmooth = 14;
@@ -21,21 +21,16 @@ constexpr int kRounds = 5;  // of fitting pattern and trend in turn: the change 
 
 // Mean brightness of images of one range differs by as much as the seafloor does from image to image.
 constexpr double kSceneSigma = 0.15;
-constexpr double kLawImages =
-    20;  // at most so many of one class of range speak for the law: it shall fit all
+constexpr double kLawImages = 20;   // most of one class of range that count for the law: it shall fit all
 constexpr double kTrendImages = 4;  // of a class of range, that weigh as much as the law
 // A priori: light of a strobe beside the camera falls by the square of the distance, and clear to coastal
 // water takes 0.1 to 0.4 of it a metre, twice over (Jerlov I to 3; Akkaynak & Treibitz 2018 for the spread).
 constexpr double kPower = -2, kPowerSigma = 1, kPerMetre = 0.4, kPerMetreSigma = 0.4;
-// Node-images that weigh as much as the belief that the pattern is the same at all ranges: texture of 30 %
+// Node-images that weigh as much as the prior that the pattern is the same at all ranges: texture of 30 %
 // within a node against changes of the pattern of 10 %.
 constexpr float kSamePattern = 9;
-constexpr float kPatternImages = 8;  // at most so many of one class of range speak to its neighbours
+constexpr float kPatternImages = 8;  // most of one class of range that count in its neighbours
 constexpr float kNeighbourBin = 0.25F;
-
-std::size_t index(int i) {
-  return static_cast<std::size_t>(i);
-}
 
 void merge(Moments& into, const Moments& other) {
   if (other.count == 0) return;
@@ -145,8 +140,8 @@ void ChannelModel::solve(int images, double outlier) {
 }
 
 void ChannelModel::fitPlain(int images, int radius) {
-  // A node's samples of one image are much alike: each image gives one degree of freedom, and the mean took
-  // one.
+  // A node's samples of one image are much alike: each image gives one degree of freedom, and the mean
+  // took one.
   const double freedom = images > 1 ? static_cast<double>(images) / (images - 1) : 1.0;
   Moments all;
   for (std::size_t n = 0; n < plain_.size(); ++n) {
@@ -328,7 +323,7 @@ void ChannelModel::fitSpread(const Bins& images, int radius) {
       const Cell& c = cell(n, b);
       once += static_cast<double>(c.weight * c.variance);
       once_weight += static_cast<double>(c.weight);
-      if (c.weight < 2) continue;  // one image tells nothing of how images differ
+      if (c.weight < 2) continue;  // one image has no scatter between images
       sum += static_cast<double>(c.weight * c.variance);
       freedom += static_cast<double>(c.weight) - 1;
     }

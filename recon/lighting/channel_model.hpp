@@ -9,7 +9,7 @@
 
 namespace fathom::lighting {
 
-// What a model expects of samples: the logarithm of their mean (parts of full scale), and of their standard
+// Expectation of samples by a model: logarithms of their mean (parts of full scale) and of their standard
 // deviation over that mean.
 struct Level {
   float log_mean = 0, log_spread = 0;
@@ -36,10 +36,10 @@ struct RangeLaw {
 //   whole   log m = m0
 //   plain   log m = a(n)
 //   range   log m = a(n) + T(r) + q(n, r)
-// a: the pattern, averaged over as many neighbours as the number of images asks for; T: the law of range, and
-// as far as a class of range has images, what it departs from the law; q: how the pattern changes with range
-// (strobes beside the camera), drawn towards 0 where few images say so. Gaps between classes are
-// interpolated, beyond the outermost ones the law and their q go on.
+// a: the pattern, averaged over more neighbours the fewer images there are; T: the law of range, plus the
+// departure from it of classes of range that have images; q: change of the pattern with range (strobes beside
+// the camera), shrunk towards 0 where few images support it. Gaps between classes are interpolated; beyond
+// the outermost ones the law and their q are continued.
 class ChannelModel {
  public:
   ChannelModel(const Channel& channel, const NodeLattice& lattice);
@@ -47,7 +47,7 @@ class ChannelModel {
   [[nodiscard]] NodeStatistics& statistics() { return statistics_; }
   [[nodiscard]] const NodeStatistics& statistics() const { return statistics_; }
 
-  // Fits all three to what `images` images have shown; outliers as NodeStatistics::findOutliers has it.
+  // Fits all three to the statistics of `images` images; `outlier`: as in NodeStatistics::findOutliers().
   void solve(int images, double outlier);
 
   [[nodiscard]] bool known() const { return known_; }             // there is a sample
@@ -56,13 +56,12 @@ class ChannelModel {
   [[nodiscard]] const Level& plain(std::size_t node) const { return plain_[node]; }
   // `position`: of the range, by RangeBins.
   [[nodiscard]] Level atRange(std::size_t node, float position) const;
-  // Spread over mean that the ground has on average: over all nodes and ranges, as far as images tell of
-  // them.
+  // Mean over nodes and ranges of the ground's standard deviation over mean.
   [[nodiscard]] float contrast() const { return contrast_; }
   [[nodiscard]] const RangeLaw& law() const { return law_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
-  // For saved state (state_archive.hpp), bit by bit; the rest is made anew by every solve().
+  // For saved state (state_archive.hpp), bit by bit; every solve() computes the rest.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_, self.contrast_);
@@ -86,8 +85,8 @@ class ChannelModel {
   void fitPatternChange(int bin, int radius);
   void carryPatternChange();
   void fitSpread(const Bins& images, int radius);
-  // Averages `value_` by `weight_` over 2 radius + 1 nodes either way; alike on both sides, so that a slope
-  // of the pattern moves no mean. Sums go to `value_`, `weight_`.
+  // Averages `value_` by `weight_` over 2 radius + 1 nodes along rows and columns, fewer but symmetric at the
+  // border, so that a slope of the pattern biases no mean. Sums go to `value_`, `weight_`.
   void pool(int radius);
 
   NodeStatistics statistics_;

@@ -1,35 +1,95 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
 #include <vector>
 
 #include "recon/lighting/channel_model.hpp"
 #include "recon/lighting/correct_rows.hpp"
-#include "recon/lighting/pedestal.hpp"
 #include "recon/lighting/range_lattice.hpp"
-#include "recon/lighting/tilt_response.hpp"
 
 namespace fathom::lighting {
 
-// What colours need to know beyond the mean that ChannelModel expects of a place in the image and a range:
-// how light answers to the ground's slope, and what each channel reads without any light from the ground. A
-// colour is then the albedo over the dive's mean of it, in linear light:
-//   light = grey (1 + lift (in - m) / (m - b)),   m: mean expected there, times the slope's answer
-// which is grey (in - b) / (m - b) where nothing is lifted.
+// The level b that one channel reads without light from the ground: the sensor's black level and uniform
+// haze. On the same ground the contrast falls with the brightness m as 1 - b / m. This is fitted to the
+// spread of nodes about their expected brightness, in classes of the expected brightness. It uses means over
+// nodes, since the noise of single samples would hide the fall.
+class Pedestal {
+ public:
+  // `expected` in parts of full scale; `ratio`: measured over expected.
+  void add(float expected, float ratio);
+  void solve();
+  // What was added counts half from here on.
+  void halve();
+  [[nodiscard]] float level() const { return level_; }  // parts of full scale
+
+  // For saved state (state_archive.hpp).
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    archive(self.count_, self.expected_, self.sum_, self.squares_, self.level_);
+  }
+
+ private:
+  static constexpr int kClasses =
+      25;  // half octaves down from full scale, to a sixteenth of a level of 8 bits
+  std::array<float, kClasses> count_{}, expected_{}, sum_{}, squares_{};
+  float level_ = 0;
+};
+
+// Light from a patch of ground over the light from one at the same place that is perpendicular to the
+// camera's axis. For a Lambertian patch at p (depth z) with unit normal n (towards the camera) and lamps at
+// c, level with the camera, it is n . (c - p) / z. Learnt are the two coordinates of c across the axis and
+// the strength of the effect (normals from stereo are smoother than the ground), by linear least squares over
+// the ratios of measured to expected light, with a prior of a lamp at the camera.
+class TiltResponse {
+ public:
+  // `ratio`: measured light over that expected of perpendicular ground. Gross outliers are ignored.
+  void add(const RangeLattice::Ground& ground, float ratio);
+  void solve();
+  // What was added counts half from here on.
+  void halve();
+
+  // Clamped to kDarkest and kBrightest: beyond them lamps graze the ground and the model does not hold.
+  [[nodiscard]] float at(const RangeLattice::Ground& ground) const;
+  static constexpr float kDarkest = 0.35F, kBrightest = 1.6F;
+
+  [[nodiscard]] float strength() const { return solution_.x(); }              // 1: Lambert's law
+  [[nodiscard]] Eigen::Vector2f lamp() const { return solution_.tail<2>(); }  // camera frame [m]
+
+  // For saved state (state_archive.hpp).
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    for (auto& value : self.normal_.reshaped()) archive(value);
+    for (auto& value : self.right_.reshaped()) archive(value);
+    for (auto& value : self.solution_.reshaped()) archive(value);
+  }
+
+ private:
+  Eigen::Matrix3d normal_ = Eigen::Matrix3d::Zero();  // of the least squares
+  Eigen::Vector3d right_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3f solution_{1, 0, 0};
+};
+
+// Turns samples into colours: the albedo over the dive's mean albedo, in linear light
+//   light = grey (1 + lift (in - m) / (m - b))
+// m: mean that ChannelModel expects at the place and range, times TiltResponse of the ground; b: Pedestal of
+// the channel; lift: raises the contrast of a hazy dive. Without lift it is grey (in - b) / (m - b).
 class ColourLight {
  public:
-  // `grey`: of full scale, in sRGB, that the dive's mean becomes. `encoded`: samples are sRGB already, as
-  // cameras write pictures for people, and colours are made of them as they are.
+  // `grey`: of full scale, in sRGB, that the dive's mean becomes. `encoded`: samples are sRGB already and are
+  // used without linearisation.
   ColourLight(std::size_t channels, bool encoded, int bits, double grey);
 
-  // A node's mean in one image over the mean expected there of square ground; `expected` is that in the image
-  // as it came [parts of full scale]. `ground`: null where ranges are not known.
+  // `ratio`: a node's mean in one image over that expected of perpendicular ground; `expected`: that mean in
+  // the uncorrected image [parts of full scale]. `ground`: null where ranges are not known.
   void learn(std::size_t channel, float expected, float ratio, const RangeLattice::Ground* ground);
   // `contrast`: spread over mean that the ground has on average, of the mean channel.
   void solve(float contrast);
   // What was learnt counts half from here on.
   void halve();
 
-  // By how much samples change when light does: of sRGB by about its 2.2th root.
+  // The factor of samples for a factor of light: in sRGB about its 2.2th root.
   [[nodiscard]] float samplesFor(double light) const;
   [[nodiscard]] float lit(const RangeLattice::Ground& ground) const { return tilt_.at(ground); }
   // From a sample to linear light (0 to 1) or, of encoded samples, to levels (0 to 255). `brightness`: of the

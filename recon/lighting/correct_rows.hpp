@@ -13,8 +13,7 @@ struct Correction {
   float offset = 0.0F;
 };
 
-// Where the nodes of a row lie, in the middles of as many equal cells, and which stretch of pixels belongs
-// between which two.
+// Columns of a row's nodes, in the middles of as many equal cells, and the pixels between each two of them.
 struct RowPlan {
   RowPlan() = default;
   RowPlan(int row_width, int node_count);
@@ -25,8 +24,8 @@ struct RowPlan {
   std::array<int, NodeLattice::kMaxSide> end{};  // of the stretch after a node [px]
 };
 
-// What a corrected value becomes: itself, in grey levels; or a level of sRGB, of linear light from 0 to 1
-// (IEC 61966-2-1 to half a level, two near black).
+// Output of a corrected value: the value itself in grey levels, or the level of sRGB for linear light from 0
+// to 1 (IEC 61966-2-1 to half a level, two near black).
 enum class Encoding : std::uint8_t { kLevels, kSrgb };
 
 // One row of an image: out = gain * sample + offset, rounded and clamped to 0 to 255. `even` and `odd` are

@@ -30,11 +30,11 @@ void validate(const LightingConfig& c) {
   const auto require = [](bool holds, const char* what) {
     if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
   };
-  require(c.target_mean > 0 && c.target_mean < 1, "target_mean must lie between 0 and 1");
-  require(c.target_sigma > 0 && c.target_sigma < 1, "target_sigma must lie between 0 and 1");
+  require(c.target_mean > 0 && c.target_mean < 1, "target_mean must be between 0 and 1");
+  require(c.target_sigma > 0 && c.target_sigma < 1, "target_sigma must be between 0 and 1");
   require(c.min_images >= 1, "min_images must be at least 1");
   require(c.grid >= 1 && c.grid <= 256, "grid must be 1 to 256 px");
-  require(c.saturated > 0 && c.saturated <= 1, "saturated must lie between 0 and 1");
+  require(c.saturated > 0 && c.saturated <= 1, "saturated must be between 0 and 1");
   require(c.outlier >= 1, "outlier must be at least 1");
   require(c.memory >= 0, "memory must not be negative");
 }

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "realtime/kernel/config_table.hpp"
+#include "realtime/base/config_table.hpp"
 
 namespace fathom::lighting {
 
-// Which model corrects. kAuto: the one that foretells images best before it learns them.
+// Which model corrects. kAuto: the one that predicts images best before they are learnt.
 enum class LightingChoice { kAuto, kWholeImage, kPlain, kRangeDependent };
 
 struct LightingConfig {

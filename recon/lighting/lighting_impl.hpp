@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -9,10 +12,54 @@
 #include "recon/lighting/colour_light.hpp"
 #include "recon/lighting/correct_rows.hpp"
 #include "recon/lighting/lighting_model.hpp"
-#include "recon/lighting/model_choice.hpp"
 #include "recon/lighting/node_lattice.hpp"
 
 namespace fathom::lighting {
+
+// Chooses the model that predicts images best, by its errors on images that it has not learnt yet.
+class ModelChoice {
+ public:
+  // One image's mean absolute errors, in logarithms; negative: not tried.
+  void score(double whole, double plain, double range) {
+    const std::array<double, kModels> now = {whole, plain, range};
+    for (std::size_t k = 0; k < kModels; ++k) {
+      if (now[k] < 0) continue;
+      count_[k] = std::min(count_[k] + 1, kWindow);
+      error_[k] += (now[k] - error_[k]) / count_[k];
+    }
+    if (count_[chosen_] < kFewest) return;
+    std::size_t best = chosen_;
+    for (std::size_t k = 0; k < kModels; ++k)
+      if (count_[k] >= kFewest && error_[k] < error_[best]) best = k;
+    if (error_[best] < kBetter * error_[chosen_]) chosen_ = best;
+  }
+
+  [[nodiscard]] LightingKind best() const {
+    return static_cast<LightingKind>(chosen_ + static_cast<std::size_t>(LightingKind::kWholeImage));
+  }
+  [[nodiscard]] double error(LightingKind kind) const {
+    const auto k = static_cast<std::size_t>(kind) - static_cast<std::size_t>(LightingKind::kWholeImage);
+    return count_[k] > 0 ? error_[k] : -1;
+  }
+
+  // For saved state (state_archive.hpp), bit by bit.
+  template <typename Archive, typename Self>
+  static void exchange(Archive& archive, Self& self) {
+    std::uint64_t chosen = self.chosen_;
+    archive(chosen, self.count_, self.error_);
+    archive.require(chosen < kModels, "an unknown model");
+    if constexpr (Archive::kLoading)
+      if (archive.ok()) self.chosen_ = chosen;
+  }
+
+ private:
+  static constexpr std::size_t kModels = 3;
+  static constexpr double kWindow = 100;  // images in the mean error
+  static constexpr double kFewest = 8;    // images before an error counts
+  static constexpr double kBetter = 0.95;
+  std::size_t chosen_ = 1;  // the plain one, until another is better
+  std::array<double, kModels> count_{}, error_{};
+};
 
 enum class Purpose : std::uint8_t { kMatching, kColour };
 
@@ -20,7 +67,7 @@ enum class Purpose : std::uint8_t { kMatching, kColour };
 inline constexpr std::size_t kMaxChannels = 4;
 using NodeRow = std::array<std::array<Correction, NodeLattice::kMaxSide>, kMaxChannels>;
 
-// LightingModel's own: what learns is in lighting_learning.cpp, what corrects in lighting_model.cpp.
+// State of a LightingModel: lighting_impl.cpp learns, lighting_model.cpp corrects.
 struct LightingModel::Impl {
   int width, height;
   PixelFormat format;
@@ -45,26 +92,26 @@ struct LightingModel::Impl {
            image.bits == bits && image.stride >= row_bytes && (bits == 8 || image.stride % 2 == 0);
   }
   [[nodiscard]] LightingKind used() const;
-  // Of an image of that exposure, against what is learnt.
+  // Brightness of an image with that exposure over that of the learnt images.
   [[nodiscard]] float brightness(double exposure_s) const {
     if (!(exposure_s > 0) || exposure == 0) return 1;
     constexpr double kMostBrighter = 64;  // than another exposure: no camera has a wider range of them
     return colour->samplesFor(std::clamp(exposure_s / exposure, 1 / kMostBrighter, kMostBrighter));
   }
   void add(const ImageView& image, const RangeLattice* range, double exposure_s);
-  // Strobes that stayed dark tell nothing of how they light: most of the image is far below what is expected.
+  // Whether the strobes stayed dark: more than half of the image is far below the expected brightness.
   template <typename T>
   [[nodiscard]] bool unlit(const ImageView& image) const;
   template <typename T>
   void learn(const ImageView& image, const RangeLattice* range);
-  // What nodes showed beside what was expected of them.
+  // Gives ColourLight the ratios of measured to expected node means.
   void learnRatios(std::size_t c, const RangeLattice* range);
   struct Errors {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
-  void foretell(const ChannelModel& channel, Errors& errors) const;
+  void predict(const ChannelModel& channel, Errors& errors) const;
   [[nodiscard]] Correction stretch(const Level& level, float brightness) const;
-  // Of samples that are sRGB already, as cameras write pictures for people.
+  // Whether samples are sRGB already, as in a camera's 8-bit RGB pictures.
   [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
   void nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range, float brightness, int j,
                NodeRow& row) const;

@@ -5,14 +5,14 @@
 #include <cstdint>
 #include <memory>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/lighting/lighting_config.hpp"
 #include "recon/lighting/range_lattice.hpp"
 
 namespace fathom::lighting {
 
-// What corrects images. kNone: nothing learnt yet.
+// Model that corrects images. kNone: nothing learnt yet.
 enum class LightingKind : std::uint8_t { kNone, kWholeImage, kPlain, kRangeDependent };
 
 // "none", "whole image", "plain" or "range-dependent".
@@ -35,11 +35,12 @@ struct Attenuation {
 //   plain            by pixel
 //   range-dependent  by pixel and range r, log m = a(pixel) + T(r) + q(pixel, r): see ChannelModel. T follows
 //                    r^p exp(-c r) by channel (as Bryson et al. 2016, "True color correction of autonomous
-//                    underwater vehicle imagery", fit attenuation to stereo range), and what the images say
-//                    beyond that; s takes the veil of backscattered light out with m.
-// Each image is foretold by all three before it is learnt; the one whose brightness, smoothed, was least
-// wrong over about the last 100 images corrects (mean absolute error in logarithms), and another takes over
-// when it is 5 % better. It begins with the whole image, and with the plain one after `min_images` images.
+//                    underwater vehicle imagery", fit attenuation to stereo range), plus the images'
+//                    departure from it; s removes the veil of backscattered light with m.
+// All three predict each image before it is learnt. The model with the least mean absolute error of the
+// smoothed brightness (in logarithms, over about the last 100 images) corrects; another replaces it when
+// it is 5 % better. Before `min_images` images the whole-image model corrects, at first after them the
+// plain one.
 //
 // Fish, shadows and glints: see NodeStatistics. All memory is allocated by the constructor; add() and
 // correct() allocate nothing.
@@ -49,16 +50,16 @@ class LightingModel {
   LightingModel(int width, int height, PixelFormat format, int bits, const LightingConfig& config);
   ~LightingModel();
 
-  // Learns, of what the image's mask does not hide. The models follow at every image up to the 32nd, from
-  // then on when 1/16 more have been seen. Wrongly shaped images are ignored and counted. Without ranges (or
-  // where they are unknown) an image teaches the first two models alone. What was learnt counts half after
-  // config.memory further images. `exposure_s`: as the image is stamped; its brightness is taken to be in
-  // proportion. 0: not known, and taken to be that of the first image that tells.
+  // Learns an image, without the parts that its mask hides. The models are solved after every image up to the
+  // 32nd, then each time that the number of images has grown by 1/16. Images of another shape are ignored and
+  // counted. Without ranges, or where they are unknown, an image counts for the first two models alone. After
+  // config.memory further images what was learnt counts half. `exposure_s`: the image's stamped exposure, to
+  // which its brightness is in proportion; 0: unknown, taken to be that of the first image with a stamp.
   void add(const ImageView& image, const RangeLattice& range, double exposure_s = 0);
   void add(const ImageView& image);
   [[nodiscard]] int images() const;
-  [[nodiscard]] std::uint64_t ignoredImages()
-      const;  // of another shape, or taken while the strobes stayed dark
+  // Images of another shape, or taken while the strobes stayed dark.
+  [[nodiscard]] std::uint64_t ignoredImages() const;
 
   // Corrects into 8 bits of the same mosaic, mono or RGB; `out` has width * height (RGB: times 3) bytes, row
   // after row. Before the first image full scale becomes 255; a wrongly shaped image becomes black. Without
@@ -68,16 +69,15 @@ class LightingModel {
                double exposure_s = 0) const;
   void correct(const ImageView& image, std::uint8_t* out) const;
 
-  // The same in sRGB for people and maps: each channel's light over the dive's mean of it, as it fell on the
-  // chip, so that hues stay what they are; haze goes by how much less contrast there is than on average. RGB
-  // of 8 bits is taken to be sRGB already, everything else to be linear light.
-  // `gain`: how much brighter the image is than its exposure tells.
+  // The same in sRGB, for maps and the eye: each channel's linear light over the dive's mean of it, so that
+  // hues stay; the haze of a dive without contrast is lifted (see ColourLight). RGB of 8 bits is taken to be
+  // sRGB already, everything else to be linear light. `gain`: the image's brightness over that which its
+  // exposure predicts.
   void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                      double exposure_s = 0, double gain = 1) const;
 
-  // correctColour() and demosaicRgb(); `mosaic` is room for the one, `rgb` (3 * width * height bytes)
-  // receives the other. Where a sample is clipped the hue is not known: grey there, as light as the lightest
-  // channel, which is the least wrong.
+  // correctColour() into `mosaic`, then demosaicRgb() into `rgb` (3 * width * height bytes). Where a sample
+  // is clipped the hue is not known: the pixel is grey, as light as its lightest channel.
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
                double exposure_s = 0, double gain = 1) const;
 
@@ -89,8 +89,7 @@ class LightingModel {
     int images = 0;
     double outlier_share = 0;  // of samples that were left out: fish, shadows, glints
     double saturated_share = 0;
-    // Mean absolute error with which each model foretold images, in natural logarithms; negative: never
-    // tried.
+    // Mean absolute error of each model's predictions, in natural logarithms; negative: never tried.
     double error_whole = -1, error_plain = -1, error_range = -1;
     double black = 0;            // greatest channel's reading without light from the ground, of full scale
     double tilt = 0;             // how strongly slopes darken; 1: Lambert's law
@@ -100,8 +99,8 @@ class LightingModel {
   };
   [[nodiscard]] Report report() const;
 
-  // All that was learnt, bit by bit, into a model of the same shape and configuration. A model whose load()
-  // failed is of no use.
+  // Saves and restores all that was learnt, bit by bit, for a model of the same shape and configuration. A
+  // model must not be used after its load() failed.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 
@@ -117,7 +116,7 @@ class LightingModel {
 void demosaicRgb(const ImageView& mosaic, std::uint8_t* out);
 void demosaicMono(const ImageView& mosaic, std::uint8_t* out);
 
-// Makes pixels of `rgb` grey whose samples in `raw` (as the camera gave it, the same size) reach `limit` of
+// Makes pixels of `rgb` grey where a sample of `raw` (the camera's image of the same size) reaches `limit` of
 // full scale in any channel.
 void greyWhereClipped(const ImageView& raw, double limit, std::uint8_t* rgb);
 

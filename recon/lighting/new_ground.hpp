@@ -3,16 +3,16 @@
 #include <Eigen/Core>
 #include <cstddef>
 
-#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/rings/fixed_queue.hpp"
 
 namespace fathom::lighting {
 
-// Which images show ground that was not learnt from just before: a vehicle that hovers would print its scene
-// into what is held for the light's pattern. An image is taken when its camera is farther than a fifth of its
-// footprint from those of the last 64 that were. Fixed memory.
+// Selects images of new ground to learn from: a vehicle that hovers would imprint its scene on the light's
+// pattern. An image is taken when its camera is farther than a fifth of its footprint from the last 64 that
+// were taken. Fixed memory.
 class NewGround {
  public:
-  // `camera`: its place in a frame that does not leap [m]; `footprint`: the shorter side of what it sees [m].
+  // `camera`: position in a frame without jumps [m]; `footprint`: its shorter side [m].
   [[nodiscard]] bool take(const Eigen::Vector3d& camera, double footprint) noexcept {
     for (std::size_t i = 0; i < taken_.size(); ++i)
       if ((taken_[i] - camera).norm() < kNewShare * footprint) return false;

@@ -8,6 +8,10 @@
 
 namespace fathom::lighting {
 
+[[nodiscard]] inline std::size_t index(int i) {
+  return static_cast<std::size_t>(i);
+}
+
 // The samples of one channel within an image: all of a mono image, one of four of a Bayer mosaic, one of
 // three of RGB.
 struct Channel {

@@ -3,20 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/image_mask.hpp"
+#include "recon/geometry/image_view.hpp"
 
 namespace fathom::lighting {
 namespace {
 
 constexpr int kBlock = 4;  // nodes across and down that share an interval
-// Samples of a block before outliers are told: those of its 16 nodes in four images.
+// Samples of a block before outliers are rejected: those of its 16 nodes in four images.
 constexpr double kEnough = 1000;
 constexpr double kClassesPerOctave = 4;
 constexpr float kQuantile = 0.16F;  // and 1 - it: one standard deviation off a normal's median
-
-std::size_t index(int i) {
-  return static_cast<std::size_t>(i);
-}
 
 // Where a cumulative share of a histogram is reached, in classes; interpolated within the class.
 template <typename Histogram>
@@ -215,7 +211,7 @@ Moments NodeStatistics::moments(std::size_t node, int bin) const {
   m.variance = 0;
   for (std::size_t k = interval.first; k <= interval.last; ++k) {
     if (cell.number[k] == 0) continue;
-    // Samples are taken to lie evenly within their class: a quarter of an octave.
+    // Samples are taken to be uniform within their class, a quarter of an octave.
     constexpr double kWithin = 0.1733 * 0.1733 / 12;
     const double n = cell.number[k], mean = static_cast<double>(cell.sum[k]) / n, d = mean - m.mean;
     m.variance += n / number * (d * d + kWithin * mean * mean);

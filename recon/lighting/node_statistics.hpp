@@ -17,7 +17,7 @@ struct RangeBins {
   static constexpr float kNearest = 0.5F;  // [m]
   static constexpr float kPerOctave = 3.0F;
 
-  // Where log2 of a range lies, in bins: bin k's middle is k. Clamped to the known bins.
+  // log2 of a range in units of bins (bin k has its middle at k), clamped to the known bins.
   [[nodiscard]] static float position(float range);
   [[nodiscard]] static double middle(int bin);  // [m]
 };
@@ -28,10 +28,9 @@ struct Moments {
   double x_mean = 0, x_variance = 0;  // of the natural logarithm of the range
 };
 
-// What one channel's samples were like: for every node and class of range a histogram of brightness (in
-// logarithms) with the sum in each class, and Welford's mean and variance. From the histogram, an interval of
-// brightness is found that fish, shadows and glints fall out of; the moments are those of the samples
-// within. Memory is fixed.
+// Statistics of one channel's samples: for every node and class of range a histogram of brightness (in
+// logarithms) with the sum in each class, and Welford's mean and variance. The histogram gives an interval of
+// inliers, outside which are fish, shadows and glints; moments() are those of the inliers. Memory is fixed.
 class NodeStatistics {
  public:
   NodeStatistics(const Channel& channel, const NodeLattice& lattice);
@@ -44,14 +43,14 @@ class NodeStatistics {
   void add(const ImageView& image, float saturated, std::span<const float> brightness,
            std::span<const float> ranges, std::span<float> means);
 
-  // All that was taken counts half from here on; what is left of less than one sample is forgotten.
+  // Halves the weight of all samples so far; cells left with less than one sample are cleared.
   void halve();
 
-  // Finds the intervals anew, `outlier` robust standard deviations about the median.
+  // Computes the intervals again: `outlier` robust standard deviations about the median.
   void findOutliers(double outlier);
   // Of the samples within the interval, since the last findOutliers().
   [[nodiscard]] Moments moments(std::size_t node, int bin) const;
-  // Whether there are any: bit `bin`.
+  // Bit `bin`: whether the node has samples of that class of range.
   [[nodiscard]] unsigned binsOf(std::size_t node) const { return bins_[node]; }
   // Saturated and outlying samples, of all.
   [[nodiscard]] std::uint64_t saturatedSamples() const { return saturated_; }
@@ -60,7 +59,7 @@ class NodeStatistics {
   [[nodiscard]] const NodeLattice& lattice() const { return lattice_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
-  // For saved state (state_archive.hpp), bit by bit: of the cells those that have seen something.
+  // For saved state (state_archive.hpp), bit by bit: only cells with samples.
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive.fixed(self.bins_);

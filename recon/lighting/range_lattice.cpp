@@ -75,10 +75,10 @@ void RangeMaker::findGround(RangeLattice& lattice) const {
 }
 
 void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const {
-  constexpr int kReach = 2;         // nodes about a point that it speaks for
+  constexpr int kReach = 2;         // nodes about a point that it bends
   constexpr float kSpread = 0.25F;  // weight of a node's neighbours beside one point 1 m off; the noise of
                                     // stereo, and so of slopes, grows with the range
-  constexpr int kSweeps = 40;       // Gauss-Seidel, there and back: news crosses the lattice in one
+  constexpr int kSweeps = 40;       // Gauss-Seidel, there and back: a value crosses the lattice in one
   std::array<float, kColumns * kRows> sums{}, weights{}, bends{};
   float sum = 0, count = 0;
   for (const Eigen::Vector3f& point : points) {
@@ -107,13 +107,13 @@ void RangeMaker::bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& l
   const auto relax = [&](int i, int j) {
     const auto k = static_cast<std::size_t>(j * kColumns + i);
     float around = 0, neighbours = 0;
-    const auto hear = [&](bool there, std::size_t n) {
+    const auto addNeighbour = [&](bool there, std::size_t n) {
       if (there) around += bends[n], neighbours += 1;
     };
-    hear(i > 0, k - 1);
-    hear(i + 1 < kColumns, k + 1);
-    hear(j > 0, k - kColumns);
-    hear(j + 1 < kRows, k + kColumns);
+    addNeighbour(i > 0, k - 1);
+    addNeighbour(i + 1 < kColumns, k + 1);
+    addNeighbour(j > 0, k - kColumns);
+    addNeighbour(j + 1 < kRows, k + kColumns);
     const float range = known(lattice.path[k]) ? lattice.path[k] : 1, spread = kSpread * range * range;
     bends[k] = (sums[k] + spread * around / neighbours) / (weights[k] + spread);
   };

@@ -33,9 +33,9 @@ class RangeMaker {
   // from the camera's centre [m]. Rays that do not meet it within 50 m are unknown.
   void fromPlane(const Eigen::Vector3d& normal, double distance, RangeLattice& out) const;
 
-  // Bends the lattice to points measured in the camera frame [m] (stereo's): each node's range is multiplied
-  // by what the points about it say, in the mean of logarithms and weighted by nearness; where there are no
-  // points, by what the nodes around say. Without any point it stays.
+  // Scales the lattice's ranges to stereo points in the camera frame [m]: each node by the mean ratio (of
+  // logarithms, weighted by nearness) of the points about it; nodes without points take the ratio of their
+  // neighbours. Without any point the lattice stays.
   void bendTo(std::span<const Eigen::Vector3f> points, RangeLattice& lattice) const;
 
  private:

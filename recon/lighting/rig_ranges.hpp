@@ -7,7 +7,7 @@
 
 namespace fathom::lighting {
 
-// Ranges of the two images of a stereo pair, from what is known in the left camera's frame.
+// Ranges of the two images of a stereo pair, from a plane and points in the left camera's frame.
 class RigRanges {
  public:
   explicit RigRanges(const StereoRig& rig)

@@ -14,10 +14,6 @@ constexpr int kFarPoints = 3;                // that enclose the given ones
 constexpr std::int32_t kSmall = 1 << 14;     // below it 64 bits hold the circle test: 2 (14 + 14) + 1 + 2
 constexpr std::size_t kBucketsPerPoint = 2;  // at most
 
-std::size_t index(std::int32_t i) {
-  return static_cast<std::size_t>(i);
-}
-
 // Twice the signed area of a, b, c: positive when they turn from the first axis towards the second.
 std::int64_t orientation(const Delaunay::Point& a, const Delaunay::Point& b, const Delaunay::Point& c) {
   const std::int64_t abx = b[0] - a[0], aby = b[1] - a[1];
@@ -80,7 +76,8 @@ void Delaunay::insert(std::int32_t vertex) {
   for (const std::int32_t v : faces_[index(home)].vertex)
     if (points_[index(v)] == p) return;
 
-  // The cavity: all faces whose circumcircle holds the point; it is connected and seen whole from the point.
+  // The cavity: all faces with the point in their circumcircle; it is connected and star-shaped about
+  // the point.
   ++insertion_;
   cavity_.assign(1, home);
   visited_[index(home)] = insertion_;
@@ -125,8 +122,8 @@ void Delaunay::insert(std::int32_t vertex) {
   }
 }
 
-// Rows of square buckets, about one a point, run through to and fro: each point lies near the one before, and
-// the search for its face is short.
+// Rows of square buckets, about one a point, in serpentine order: each point is near the one before, and the
+// search for its face is short.
 void Delaunay::order(std::span<const Point> points) {
   std::int32_t width = 1, height = 1;
   for (const Point& p : points) {

@@ -26,10 +26,10 @@ constexpr double kMinShare = 0.3;            // of a cell's pixels that must hav
 constexpr double kMaxRms = 1.0;              // of a cell about its plane [px]: more is a break in depth
 // Semi-global matching's sub-pixel interpolation draws towards whole pixels by up to a quarter; Lucas-Kanade
 // that goes farther has found something else [px of the scaled image].
-constexpr double kMaxDrift = 1.0;
-constexpr int kLevels = 2;  // of the pyramids: Lucas-Kanade starts within a pixel of the scaled image
+constexpr double kMostFromPrediction = 1.0;
+constexpr int kDenseLevels = 2;  // of the pyramids: Lucas-Kanade starts within a pixel of the scaled image
 
-void require(bool holds, const char* what) {
+void requireDense(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("dense stereo: ") + what);
 }
 
@@ -78,8 +78,8 @@ DenseStereo::Impl::Impl(const StereoRig& r, const SparseStereoConfig& l, const D
     : rig(r),
       limits(l),
       config(c),
-      left_pyramid(r.left.width, r.left.height, kLevels, fastestKernels()),
-      right_pyramid(r.right.width, r.right.height, kLevels, fastestKernels()),
+      left_pyramid(r.left.width, r.left.height, kDenseLevels, fastestKernels()),
+      right_pyramid(r.right.width, r.right.height, kDenseLevels, fastestKernels()),
       tracker(l.window, fastestKernels()),
       found(r, static_cast<std::size_t>(l.max_features)),
       mesh(static_cast<std::size_t>(l.max_features)) {
@@ -92,8 +92,8 @@ DenseStereo::Impl::Impl(const StereoRig& r, const SparseStereoConfig& l, const D
                     distortion(scaled.right), size, rotation, translation, r1, r2, p1, p2, q,
                     cv::CALIB_ZERO_DISPARITY, -1, size);
   focal_baseline = -p2.at<double>(0, 3);
-  require(std::abs(p2.at<double>(1, 3)) < 1e-9 && focal_baseline > 0,
-          "the right camera must be to the right of the left one");
+  requireDense(std::abs(p2.at<double>(1, 3)) < 1e-9 && focal_baseline > 0,
+               "the right camera must be to the right of the left one");
   cv::initUndistortRectifyMap(cameraMatrix(scaled.left), distortion(scaled.left), r1, p1, size, CV_16SC2,
                               left_map1, left_map2);
   cv::initUndistortRectifyMap(cameraMatrix(scaled.right), distortion(scaled.right), r2, p2, size, CV_16SC2,
@@ -187,7 +187,7 @@ void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
   const Eigen::Vector2d predicted = rig.right.project(rig.T_right_left * (left_ray * guess.z()));
   const PatchMatch match = tracker.track(left_pyramid, left, right_pyramid, std::span(&predicted, 1));
   if (!match.found || match.correlation < limits.min_correlation ||
-      (match.position - predicted).norm() > kMaxDrift / config.scale) {
+      (match.position - predicted).norm() > kMostFromPrediction / config.scale) {
     ++result.rejected.no_track;
     return;
   }
@@ -199,17 +199,18 @@ void DenseStereo::Impl::confirm(const Eigen::Vector3d& guess) {
 
 DenseStereo::DenseStereo(const StereoRig& rig, const SparseStereoConfig& limits,
                          const DenseStereoConfig& config) {
-  require(config.scale >= 0.1 && config.scale <= 1, "scale must be 0.1 to 1");
-  require(config.block >= 1 && config.block <= 21 && config.block % 2 == 1, "block must be odd, 1 to 21 px");
-  require(rig.left.width == rig.right.width && rig.left.height == rig.right.height,
-          "both images must be of the same size");
-  require(rig.left.width * config.scale >= 2 * DisparityCells::kMinEdge, "the images are too small");
-  require(rig.left.fx > 0 && rig.right.fx > 0 && rig.baseline() > 0,
-          "the rig has no focal length or no baseline");
-  require(limits.window >= PatchTracker::kMinWindow && limits.window <= PatchTracker::kMaxWindow &&
-              limits.window % 2 == 1,
-          "window must be odd, 7 to 31 px");
-  require(limits.max_features >= 1, "max_features must be at least 1");
+  requireDense(config.scale >= 0.1 && config.scale <= 1, "scale must be 0.1 to 1");
+  requireDense(config.block >= 1 && config.block <= 21 && config.block % 2 == 1,
+               "block must be odd, 1 to 21 px");
+  requireDense(rig.left.width == rig.right.width && rig.left.height == rig.right.height,
+               "both images must be of the same size");
+  requireDense(rig.left.width * config.scale >= 2 * DisparityCells::kMinEdge, "the images are too small");
+  requireDense(rig.left.fx > 0 && rig.right.fx > 0 && rig.baseline() > 0,
+               "the rig has no focal length or no baseline");
+  requireDense(limits.window >= PatchTracker::kMinWindow && limits.window <= PatchTracker::kMaxWindow &&
+                   limits.window % 2 == 1,
+               "window must be odd, 7 to 31 px");
+  requireDense(limits.max_features >= 1, "max_features must be at least 1");
   impl_ = std::make_unique<Impl>(rig, limits, config);
 }
 

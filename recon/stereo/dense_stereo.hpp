@@ -12,22 +12,20 @@ struct DenseStereoConfig {
   int block = 5;       // edge of the matched window [px of the scaled image], odd, 1 to 21
 };
 
-// The topside's other way from a pair to a mesh: semi-global matching (Hirschmueller 2008, as OpenCV's
-// StereoSGBM) of rectified, scaled images, simplified to the wanted number of points (DisparityCells), small
-// cells where the surface bends, and each point confirmed and sharpened by Lucas-Kanade at the full
-// resolution. Spreads points evenly over ground whose corners stand in clusters. The result is of the same
-// type and in the same frame and pixels as SparseStereo's.
+// Dense stereo for topside: semi-global matching (Hirschmueller 2008, OpenCV's StereoSGBM) of rectified,
+// scaled images. DisparityCells reduces the disparities to the wanted number of points, denser where the
+// surface bends; Lucas-Kanade at the full resolution confirms and refines each point. Points are spread
+// evenly where corners are clustered. The result has the type, frame and pixels of SparseStereo's.
 class DenseStereo {
  public:
   // `limits.max_features` is the wanted number of points; search radius, ranges, edges, slope and patch size
-  // mean what they do in SparseStereo. Throws std::invalid_argument for a configuration out of range or a rig
-  // whose cameras are not side by side.
+  // are those of SparseStereo. Throws std::invalid_argument for a configuration out of range or for cameras
+  // that are not side by side.
   DenseStereo(const StereoRig& rig, const SparseStereoConfig& limits, const DenseStereoConfig& config);
   ~DenseStereo();
 
-  // As SparseStereo::process. `corners` of the result counts cells; cells with too few disparities, or
-  // that Lucas-Kanade does not confirm, are `no_track`, cells across a break that could be cut no smaller
-  // `outlier`.
+  // As SparseStereo::process. `corners` of the result counts cells. Cells with too few disparities or not
+  // confirmed by Lucas-Kanade are `no_track`; smallest cells across a step in depth are `outlier`.
   const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane);
 
   // Stages: "rectify", "matching", "cells", "outliers", "triangles".

@@ -4,14 +4,14 @@
 #include <cmath>
 #include <numeric>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 
 namespace fathom::stereo {
 namespace {
 
 constexpr double kSigmas = 3.0;         // width of a gate
-constexpr int kAgreeing = 2;            // neighbours that vouch for a point
-constexpr double kAgreeingSlope = 1.0;  // tangent of the slope up to which a neighbour vouches: 45 degrees
+constexpr int kAgreeing = 2;            // neighbours that confirm a point
+constexpr double kAgreeingSlope = 1.0;  // tangent of the steepest slope to a confirming neighbour: 45 degrees
 constexpr int kTriangleLinks = 6;       // entries in the lists of neighbours for each triangle
 
 // Fish. Sloping flanks of boulders stay joined; a fish 0.3 m above the floor does not join it across the
@@ -67,7 +67,7 @@ void DepthConsistency::linkNeighbours(std::span<const std::array<std::uint32_t, 
       neighbours_[last_[t[i]]++] = t[(i + 2) % 3];
     }
   }
-  // Each neighbour stands there twice, once for each triangle at their edge; on the outline once.
+  // Each neighbour occurs twice, once for each triangle at the edge to it; on the outline once.
   for (std::size_t i = 0; i < n; ++i) {
     const auto begin = neighbours_.begin() + first_[i], end = neighbours_.begin() + last_[i];
     std::sort(begin, end);
@@ -77,7 +77,7 @@ void DepthConsistency::linkNeighbours(std::span<const std::array<std::uint32_t, 
   }
 }
 
-// Whether an edge between two points could lie on a surface no steeper than the slope whose tangent is given.
+// Whether an edge between two points can be on a surface up to the slope of this tangent.
 bool DepthConsistency::onSurface(const Node& a, const Node& b, double tangent) const {
   const Eigen::Vector3d edge = b.position - a.position;
   const double along = 0.5 * std::abs(edge.dot(a.sight + b.sight));

@@ -3,20 +3,18 @@
 #include <algorithm>
 #include <cmath>
 
+#include "recon/stereo/gray_pyramid.hpp"
+
 namespace fathom::stereo {
 namespace {
 
-// What a pixel of area counts against a squared residual [px^2]: on a plane the cells come out alike in size,
-// and semi-global matching's own noise of a tenth of a pixel does not draw cells to it.
+// Cost of a pixel of area, against a squared residual [px^2]: on a plane it gives cells of equal size, and
+// the noise of semi-global matching, a tenth of a pixel, attracts no cells.
 constexpr double kAreaWeight = 0.02;
-// A larger residual counts no more [px^2]: at a break in depth no cell ever fits, and cutting there would
-// take the cells from the relief that can be followed.
+// Most that a squared residual counts [px^2]: at a step in depth no cell fits, and cutting there would leave
+// too few cells for relief.
 constexpr double kMostSquare = 0.25;
 constexpr int kRootsPerCell = 4;  // wanted cells for each one of the start
-
-std::size_t index(int i) {
-  return static_cast<std::size_t>(i);
-}
 
 bool cheaper(double a, const DisparityCell& ca, double b, const DisparityCell& cb) {
   if (a != b) return a < b;

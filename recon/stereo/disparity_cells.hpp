@@ -8,26 +8,27 @@
 
 namespace fathom::stereo {
 
-// A rectangle of a disparity image and the plane d = mean + slope . (p - centre) that fits its valid pixels.
+// A rectangle of a disparity image; its plane d = mean + slope . (p - centre) is fitted, its slope not kept.
 struct DisparityCell {
   int x = 0, y = 0, width = 0, height = 0;           // [px]
   int valid = 0;                                     // pixels with a disparity
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  // mean of the valid pixels [px]
   double mean = 0;                                   // disparity at the centre [px]
-  double rms = 0;                                    // of the residuals [px]
+  double rms = 0;                                    // of the valid pixels' residuals from the plane [px]
 };
 
 // Simplifies a disparity image to about a wanted number of cells: small where the surface bends or breaks,
-// large where a plane fits. Greedy, as Garland & Heckbert 1995 ("Fast polygonal approximation of terrains and
-// height fields") insert points: the cell with the largest sum of squared residuals, and of area, is cut in
-// four next. Sums over any rectangle come from integral images, so the cost is that of the image and n log n
-// in the cells.
+// large where a plane fits. Greedy, after the insertion of points of Garland & Heckbert 1995 ("Fast polygonal
+// approximation of terrains and height fields"): the cell with the largest cost, the sum of its squared
+// residuals (capped) and of its weighted area, is cut in four next. Rectangle sums use integral images, so
+// the run time is linear in the pixels and n log n in the cells.
 class DisparityCells {
  public:
-  static constexpr int kMinEdge = 4;  // a cell is not cut smaller [px]
+  static constexpr int kMinEdge = 4;  // no cut gives a shorter edge; cells at the border may be narrower [px]
 
-  // `disparity`: width * height values [px], NaN where there is none. At most about `wanted` cells that hold
-  // a valid pixel, in reading order of their upper left corners. The result is reused by the next call.
+  // `disparity`: width * height values [px], NaN where there is none. Returns about `wanted` cells at
+  // most, each with a valid pixel, in reading order; none for a wrong size. The vector is overwritten by
+  // the next call.
   const std::vector<DisparityCell>& simplify(std::span<const float> disparity, int width, int height,
                                              int wanted);
 

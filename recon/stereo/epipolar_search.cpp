@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/se3.hpp"
 
 namespace fathom::stereo {
 
@@ -49,8 +49,7 @@ const std::vector<Eigen::Vector2d>& EpipolarSearch::candidates(const Eigen::Vect
   candidates_.clear();
   const Eigen::Vector3d rotated = rotation_ * ray;
   const double seed = seedInverseDepth(ray, plane);
-  // Disparity is linear in inverse depth but for the distortion; how many pixels one unit of it moves the
-  // image:
+  // Disparity is linear in inverse depth but for the distortion. Pixels for one unit of inverse depth:
   Eigen::Vector2d a, b;
   const double small = 1e-3 * farthest_;  // [1/m]
   if (!project(rotated, seed, a) || !project(rotated, seed + small, b)) return candidates_;
@@ -59,7 +58,7 @@ const std::vector<Eigen::Vector2d>& EpipolarSearch::candidates(const Eigen::Vect
   const int steps = static_cast<int>(radius_ / step_);
   for (int k = -steps; k <= steps; ++k) {
     const double inverse_depth = seed + k * step_ / pixels;
-    // One step of slack: the true place may lie between the range limit and the last candidate within it.
+    // One step of margin: the true position may be between the range limit and the last candidate within it.
     if (inverse_depth < farthest_ - step_ / pixels || inverse_depth > nearest_ + step_ / pixels) continue;
     if (project(rotated, inverse_depth, a) && to_.contains(a)) candidates_.push_back(a);
   }

@@ -13,21 +13,20 @@ struct ViewPlane {
   double distance;  // [m]
 };
 
-// Where a pixel of one camera may appear in the other: the images of points along its ray, about the place
-// where the ray meets the seafloor plane, through the lens distortion of both cameras.
+// Candidate positions in one camera of a pixel of the other: the images of points along the pixel's ray about
+// its intersection with the seafloor plane, through the lens distortion of both cameras.
 class EpipolarSearch {
  public:
-  // `T_to_from` maps points of the frame in which the rays are into that of `to`. `step`: spacing of
-  // candidates, `radius`: how far they reach to each side of the seed [px]. Depths along the ray are kept
-  // within min_range and max_range [m].
+  // `T_to_from` maps points of the rays' frame into that of `to`. `step`: spacing of candidates; `radius`:
+  // their reach on each side of the seed [px]. Depths along the ray stay within min_range and max_range [m].
   EpipolarSearch(const Camera& to, const SE3& T_to_from, double step, double radius, double min_range,
                  double max_range);
 
-  // Another camera or pose of it; the limits stay.
+  // Changes the camera and its pose; the limits stay.
   void look(const Camera& to, const SE3& T_to_from);
 
-  // Candidates in order of falling depth for a ray (x, y, 1); those outside the other image are left out.
-  // The result is reused by the next call.
+  // Candidates in order of falling depth for a ray (x, y, 1); those outside the other image are left out. The
+  // result is reused by the next call.
   const std::vector<Eigen::Vector2d>& candidates(const Eigen::Vector3d& ray, const ViewPlane& plane);
 
   // The same for the seed alone; false when the other camera does not see it with `margin` [px].
@@ -47,8 +46,8 @@ class EpipolarSearch {
   std::vector<Eigen::Vector2d> candidates_;
 };
 
-// Where an undistorted right ray (x, y, 1) lies beside the epipolar line of a left ray, in right pixels: both
-// cameras' distortion is already out.
+// Distance of an undistorted right ray (x, y, 1) from the epipolar line of an undistorted left ray, in
+// right pixels.
 class EpipolarDistance {
  public:
   explicit EpipolarDistance(const StereoRig& rig);

@@ -8,19 +8,19 @@
 
 namespace fathom::stereo {
 
-// What SparseStereo makes of images, made of features that were matched before: steps 4 and 5 of its list,
-// with the covariance that each feature states for its match. No call of the heap after construction, but by
-// a frame of more features than any before.
+// The points and triangles of features that were matched before: steps 4 and 5 of SparseStereo, with the
+// covariance that each feature states for its match. No heap call after construction, except for a frame with
+// more features than any before.
 class GivenStereo {
  public:
-  // Throws std::invalid_argument for a rig without baseline or size. Of a frame, the first
-  // `config.max_features` are used.
+  // Throws std::invalid_argument for a rig without baseline or size. Uses the first `config.max_features` of
+  // a frame.
   GivenStereo(const StereoRig& rig, const SparseStereoConfig& config);
 
-  // As the rig stands from now on; of the same images.
+  // Changes the rig; image sizes stay.
   void setRig(const StereoRig& rig);
 
-  // The result is reused by the next call. A frame of another size than the rig's left image gives none.
+  // The result is reused by the next call. A frame for another image size gives no points.
   const StereoResult& process(const StereoFeatureFrame& frame);
 
  private:

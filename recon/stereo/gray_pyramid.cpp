@@ -5,7 +5,7 @@
 namespace fathom::stereo {
 namespace {
 
-constexpr int kRowSlack = 80;  // elements before and after a row of sums, which whole vectors may reach
+constexpr int kSumRowPadding = 80;  // elements before and after a row of sums, which whole vectors may reach
 
 }  // namespace
 
@@ -40,7 +40,7 @@ int GrayPyramid::levels(int width, int height, int wanted) {
 }
 
 GrayPyramid::GrayPyramid(int width, int height, int levels, const Kernels& kernels) : kernels_(&kernels) {
-  rows_.assign(static_cast<std::size_t>(width + 2 * kRowSlack), 0);
+  rows_.assign(static_cast<std::size_t>(width + 2 * kSumRowPadding), 0);
   for (int l = GrayPyramid::levels(width, height, levels); l > 0; --l) {
     levels_.emplace_back();
     levels_.back().resize(width, height);
@@ -61,7 +61,7 @@ void GrayPyramid::build(const ImageView& image) {
 
 void GrayPyramid::halve(const GrayLevel& fine, GrayLevel& coarse) {
   constexpr int kReach = 2;  // of the five taps
-  std::uint16_t* sums = rows_.data() + kRowSlack;
+  std::uint16_t* sums = rows_.data() + kSumRowPadding;
   for (int y = 0; y < coarse.height(); ++y) {
     const std::uint8_t* rows[5];
     for (int i = 0; i < 5; ++i) rows[i] = fine.row(2 * y - kReach + i) - kReach;

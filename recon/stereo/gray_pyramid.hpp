@@ -9,12 +9,16 @@
 
 namespace fathom::stereo {
 
-// One 8-bit grey image with a border of repeated edge pixels, so that windows near the edge need no special
-// case.
+[[nodiscard]] inline std::size_t index(int i) {
+  return static_cast<std::size_t>(i);
+}
+
+// One 8-bit grey image with a border of repeated edge pixels, so that windows near the edge need no
+// special case.
 class GrayLevel {
  public:
-  static constexpr int kBorder =
-      20;  // [px]; a window of up to 31 px about any pixel of the image, with its gradients
+  // [px]; room for a window of up to 31 px, with its gradients, about any pixel of the image.
+  static constexpr int kBorder = 20;
 
   void resize(int width, int height);
   [[nodiscard]] int width() const { return width_; }
@@ -39,11 +43,11 @@ class GrayLevel {
 // Adelson 1983) before every second pixel is taken: position p of level 0 is position p / 2^l of level l.
 class GrayPyramid {
  public:
-  static constexpr int kMinSide = 16;  // a level is not made smaller [px]
+  static constexpr int kMinSide = 16;  // least side of a level [px]
 
-  // How many levels of the wanted number an image of this size has.
+  // Number of levels, at most `wanted`, of an image of this size.
   [[nodiscard]] static int levels(int width, int height, int wanted);
-  // Reserves the memory of images of this size; `levels` >= 1 is the wish, fewer for small images.
+  // Reserves the memory of images of this size; `levels`: at least 1; small images get fewer.
   GrayPyramid(int width, int height, int levels, const Kernels& kernels);
 
   // `image`: 8-bit mono of the size above.

@@ -18,18 +18,14 @@ constexpr float kSobelGain = 8.0F;         // the Sobel kernel answers 8 to a sl
 // quantisation and read noise look the same as texture.
 constexpr float kMinGradient = 0.4F;
 
-std::size_t index(int i) {
-  return static_cast<std::size_t>(i);
-}
-
-constexpr int kRing = kBlock + 1;  // rows of gradients: a window's and the one that leaves it
-constexpr int kRowSlack = 32;      // elements beyond a row, which whole vectors may reach
+constexpr int kRing = kBlock + 1;       // rows of gradients: a window's and the one that leaves it
+constexpr int kMeasureRowPadding = 32;  // elements beyond a row, which whole vectors may reach
 
 }  // namespace
 
 HarrisCorners::HarrisCorners(int width, int max_corners, const Kernels& kernels)
     : kernels_(&kernels), width_(width), max_corners_(std::max(max_corners, 1)) {
-  const std::size_t row = index(width + 2 * kHalf + 2 + kRowSlack), cells = index(max_corners_);
+  const std::size_t row = index(width + 2 * kHalf + 2 + kMeasureRowPadding), cells = index(max_corners_);
   gradients_.assign(2 * kRing * row, 0);
   sums_.assign(3 * row, 0);
   responses_.assign(3 * row, 0.0F);
@@ -87,7 +83,7 @@ void HarrisCorners::scan(const GrayLevel& image, const PixelBox& box, const Cell
   // Responses one pixel around the box, gradients kHalf pixels around those.
   constexpr float kFloor = kMinGradient * kMinGradient * kSobelGain * kSobelGain * kBlock * kBlock;
   const int width = box.x1 - box.x0, n = width + 2, m = n + 2 * kHalf;
-  const int row = m + kRowSlack;
+  const int row = m + kMeasureRowPadding;
   const auto gradients = [&](int y) { return gradients_.data() + index((y + kRing) % kRing * 2 * row); };
   const auto responses = [&](int y) { return responses_.data() + index((y + 3) % 3 * row); };
   std::int32_t *xx = sums_.data(), *xy = xx + row, *yy = xy + row;

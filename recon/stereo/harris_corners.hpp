@@ -20,16 +20,16 @@ struct PixelBox {
 
 // Harris corners (Harris & Stephens 1988: det M - 0.04 (trace M)^2, M summed over 5x5 pixels of Sobel
 // gradients), spread over the image: the box is cut into about one cell for every two wanted corners, the
-// local maxima of each cell are ranked, and the cells take turns, so that a bright, textured part cannot
-// starve the rest.
+// local maxima of each cell are ranked, and cells give their next best corner in turn, so that every part of
+// the image gets corners.
 class HarrisCorners {
  public:
   // Reserves the memory for images of up to `width` and as many as `max_corners` corners.
   HarrisCorners(int width, int max_corners, const Kernels& kernels);
 
-  // At most `max_corners` (and no more than reserved) local maxima inside `box` and `margin` pixels away from
-  // the image's edge, ordered by rank within the cell. No two lie closer than a third of the mean spacing.
-  // The result is reused by the next call.
+  // At most `max_corners` (and no more than reserved) local maxima inside `box`, at least `margin` pixels
+  // from the image's edge, ordered by rank within the cell. No two are closer than a third of the mean
+  // spacing. The result is reused by the next call.
   const std::vector<Corner>& find(const GrayLevel& image, const PixelBox& box, int margin, int max_corners);
 
  private:

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/image_mask.hpp"
+#include "recon/geometry/image_view.hpp"
 
 namespace fathom::stereo {
 namespace {
@@ -17,7 +17,7 @@ bool isSurface(const SparseStereoConfig& limits, const Eigen::Vector3d& a, const
   return std::abs(normal.dot(sight)) > std::cos(limits.max_slope) * normal.norm() * sight.norm();
 }
 
-// Tells by the triangle's middle and those of its sides.
+// Checks the triangle's middle and those of its sides.
 bool spansHidden(const ImageMask& mask, const Eigen::Vector2f& a, const Eigen::Vector2f& b,
                  const Eigen::Vector2f& c) {
   for (const Eigen::Vector2f& at : {Eigen::Vector2f((a + b + c) / 3), Eigen::Vector2f((a + b) / 2),
@@ -62,7 +62,7 @@ void LocalMesh::triangulate(const SparseStereoConfig& limits, StereoResult& resu
   for (const Delaunay::Triangle& t : triangulatePixels(result)) {
     if (!isSurface(limits, at(t[0]), at(t[1]), at(t[2]))) continue;
     if (mask != nullptr && spansHidden(*mask, pixel(t[0]), pixel(t[1]), pixel(t[2]))) continue;
-    // Turned over: counter-clockwise for the camera, whose image has y down.
+    // Reversed: counter-clockwise for the camera (y is down in its image).
     result.triangles.push_back({t[0], t[2], t[1]});
   }
 }

@@ -10,19 +10,18 @@
 
 namespace fathom::stereo {
 
-// The last steps from matched points to a local mesh: what contradicts its surroundings is dropped, the rest
-// is triangulated in the image plane, and triangles that no camera could have seen as one surface are cut.
+// The last steps from matched points to a local mesh: outliers in depth are dropped, the other points are
+// triangulated in the image plane, and triangles that span separate surfaces are removed.
 class LocalMesh {
  public:
   // Reserves the memory for this many points.
   explicit LocalMesh(std::size_t max_points);
 
-  // Drops points that DepthConsistency finds out, and counts them in result.rejected.
+  // Drops the outliers that DepthConsistency finds, and counts them in result.rejected.
   void dropOutliers(const SparseStereoConfig& limits, StereoResult& result);
 
-  // Fills result.triangles: Delaunay triangles of the left pixels (rounded) whose edges are no longer than
-  // max_edge, seen no flatter than max_slope. Those that span what `mask`, the left image's, hides are left
-  // out: nobody saw ground there.
+  // Fills result.triangles: Delaunay triangles of the left pixels (rounded) with edges up to max_edge and
+  // slopes up to max_slope, without those over parts that `mask`, of the left image, hides.
   void triangulate(const SparseStereoConfig& limits, StereoResult& result, const ImageMask* mask = nullptr);
 
  private:

@@ -7,15 +7,15 @@
 
 namespace fathom::stereo {
 
-// Least standard deviation of a match [px]: interpolation and the lens model leave errors that no difference
-// of the windows shows.
+// Least standard deviation of a match [px]: errors of interpolation and lens model, which the windows'
+// difference does not show.
 constexpr double kPixelFloor = 0.02;
 
 // Points from matched pixels, with their first-order covariance.
 //
 // With rays u = (x, y, 1) of the left camera and v = R (x', y', 1) of the right one, both in the left frame,
-// and the baseline b, the point is X = (s u + b + t v) / 2 where s, t solve the normal equations of
-// s u = b + t v:
+// and the baseline b, the point is X = (s u + b + t v) / 2 where s, t solve the normal equations
+// of s u = b + t v:
 //   [u.u  -u.v] [s]   [u.b]
 //   [u.v  -v.v] [t] = [v.b].
 // For each of x, y, x', y' the derivatives of s and t follow from the differentiated equations, and those of
@@ -42,9 +42,9 @@ class MidpointTriangulation {
   Eigen::Vector3d baseline_;  // b, the right camera's centre [m]
 };
 
-// A stereo point whose match has the given covariance [px^2]: the point is the one on the left pixel's ray,
-// so that all of the match's error is the right pixel's. A floor is added to both pixels' covariances, so
-// that the point's has full rank. `scale`: of the standard deviations.
+// A stereo point with the covariance that follows from `match`, the match's [px^2], which is all ascribed to
+// the right pixel. kPixelFloor is added for both pixels, so that the point's covariance has full rank.
+// `scale`: factor of the standard deviations.
 [[nodiscard]] StereoPoint pointOf(const MidpointTriangulation& triangulation, const Eigen::Vector2d& left,
                                   const Eigen::Vector2d& right, const Eigen::Vector3d& left_ray,
                                   const Eigen::Vector3d& right_ray, const Eigen::Vector3d& point,

@@ -11,22 +11,22 @@ namespace {
 constexpr double kFineTolerance = 0.01;   // last step [px], a fifth of a good match's error
 constexpr double kCoarseTolerance = 0.1;  // last step [px of the level]
 constexpr double kMaxStep = 2.0;          // one update [px of the level]: the linearisation holds no farther
-constexpr double kMaxDrift = 6.0;         // from where a level began [px of the level]
+constexpr double kMostFromStart = 6.0;    // from where a level began [px of the level]
 // Of the Gaussian weights, in window edges: less noise than a narrower one, fewer errors beside a step in
-// depth than equal weights (a quarter fewer beyond 1 px on the Middlebury pair, for a fifth more noise on a
-// plane).
+// depth than equal weights (a quarter fewer beyond 1 px on the Middlebury pair, for a fifth more noise on
+// a plane).
 constexpr double kWindowSigma = 0.25;
-constexpr double kMinEnergy = 0.25;  // variance of a window worth tracking [grey levels squared]
+constexpr double kMinEnergy = 0.25;  // least variance of a window [grey levels squared]
 // Smaller eigenvalue of the Hessian [grey levels a pixel, squared].
 constexpr double kMinHessian = 1e-3;
-constexpr double kMinGain = 0.05;  // right over left brightness; less is no likeness
+constexpr double kMinGain = 0.05;  // right over left brightness; less is no match
 
 constexpr double kSubpixels = 1 << kPositionBits;
 constexpr double kGain2 = static_cast<double>(kSampleGain) * kSampleGain;
 constexpr double kGradientStep = 2.0;  // a central difference spans two pixels
 // The sum of a form's magnitudes times half a sample's largest value (255 grey levels) fits 32 bits.
 constexpr double kMaxFormSum = 1 << 18;
-constexpr double kMaxForm = 32000.0;  // fits 16 bits with what is added to make the sum zero
+constexpr double kMaxForm = 32000.0;  // fits 16 bits with the correction that makes the sum zero
 
 }  // namespace
 
@@ -114,8 +114,8 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
   t.spread << sums.sxsx, sums.sxsy, sums.sxsy, sums.sysy;
   t.spread /= kGradientStep * kGradientStep;
 
-  // Rounding left the forms a little off: the middle takes what their sums lack to zero, and their likeness
-  // to the template is taken out of every update.
+  // Corrects the rounding: the middle sample makes the sums zero, and the forms' products with the template
+  // are subtracted in every update.
   const auto middle = static_cast<std::size_t>(half_ * shape_.pitch + half_);
   const auto balance = [&](Forms& form, std::int32_t sum, std::int32_t with_sample) {
     form[middle] = static_cast<std::int16_t>(form[middle] - sum);
@@ -178,7 +178,7 @@ bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int itera
     const double length = step.norm();
     if (length > kMaxStep) step *= kMaxStep / length;
     at = place.position + step;
-    if (!inside(level, at) || (at - start).norm() > kMaxDrift) return false;
+    if (!inside(level, at) || (at - start).norm() > kMostFromStart) return false;
     if (length < tolerance) break;
   }
   return true;

@@ -12,21 +12,21 @@ namespace fathom::stereo {
 
 struct PatchMatch {
   Eigen::Vector2d position = Eigen::Vector2d::Zero();  // in the target image [px]
-  Eigen::Matrix2d covariance =
-      Eigen::Matrix2d::Zero();  // of the position, from the windows' difference [px^2]
-  double correlation = 0;       // zero-mean normalised, of the windows at the full resolution, -1 to 1
+  // Of the position, from the windows' difference [px^2].
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+  double correlation = 0;  // zero-mean normalised, of the windows at the full resolution, -1 to 1
   bool found = false;
 };
 
-// Finds the window about a point of one image in another whose brightness differs by an unknown gain and
-// offset (left and right see other strobe paths and have other noise).
+// Finds the window about a point of one image in another that differs in brightness by an unknown gain and
+// offset (the strobes' light paths and the noise of left and right differ).
 //
 // Lucas-Kanade in the inverse compositional form (Baker & Matthews 2004), translation only, with gain and
 // offset projected out of the template's gradient: s = w (grad T - parts along T and 1). As s is then
 // orthogonal to every a T + b, the update is d = -H^-1 sum(s I(x + p)) / a with H = sum(s grad T) and a =
 // sum(T I) / sum(T T): linear in the target, so that interpolation, which lowers the noise between pixels,
-// draws no match towards half pixels. On the way down a pyramid; at the top the start is the best of the
-// given candidates by correlation. The window's forms are kept in 16-bit whole numbers, the sums are exact.
+// draws no match towards half pixels. It runs down a pyramid, from the candidate with the best correlation at
+// the top. The window's forms are kept in 16-bit whole numbers, the sums are exact.
 //
 // Covariance: the update is linear in the difference r of the windows, which holds the noise of both images.
 // With independent noise of variance v / a^2 (in the template's brightness), d has the covariance
@@ -55,7 +55,8 @@ class PatchTracker {
  private:
   static constexpr int kMaxPitch = 32;
   using Forms = std::array<std::int16_t, kMaxWindow * kMaxPitch>;
-  // The window of the source at one level: linear forms of the samples, and what they were made of.
+  // The window of the source at one level: linear forms of the samples, and the values that they are
+  // derived from.
   struct Template {
     alignas(64) Forms value, sx, sy;
     Eigen::Matrix2d inverse_hessian;               // of samples [px^2 / sample^2]
@@ -81,7 +82,7 @@ class PatchTracker {
   const Kernels* kernels_;
   int half_;
   PatchShape shape_;
-  double form_scale_;  // largest scale of a form whose unscaled norm is 1
+  double form_scale_;  // largest scale of a form of unscaled norm 1
   alignas(64) std::array<float, kMaxWindow * kMaxPitch> weight_;  // Gaussian, sum 1
   alignas(64) Forms search_weight_;
   double search_weight_sum_ = 0;

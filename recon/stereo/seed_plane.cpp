@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/geometry/symmetric_eigen.hpp"
 
 namespace fathom::stereo {
@@ -17,7 +17,7 @@ constexpr int kIterations = 20;         // Cauchy's weights settle within ten
 constexpr double kCauchy = 2.385;  // residual in sigmas at which half the weight is left: 95 % efficiency
 constexpr double kMinSpread =
     1e-6;  // of the rays, smallest eigenvalue to largest: a field of view of 0.1 degrees
-constexpr double kMinSigma = 1e-6;  // [1/m]: far below what a pixel resolves
+constexpr double kMinSigma = 1e-6;  // [1/m]: far below the resolution of a pixel
 
 }  // namespace
 
@@ -27,8 +27,8 @@ WideSearch wideSearch(const StereoRig& rig, double min_range, double max_range) 
   const double nearest = focal_baseline / min_range, farthest = focal_baseline / max_range;  // [px]
   WideSearch search;
   search.search_radius = std::clamp(0.5 * (nearest - farthest), 1.0, kMaxRadius);
-  // Where the radius cannot reach both ends, it starts at the far one: surveys fly high over their least
-  // depth.
+  // Where the radius cannot reach both ends, it starts at the far one: surveys fly high over their
+  // least depth.
   search.plane.distance = focal_baseline / (farthest + search.search_radius);
   return search;
 }

@@ -7,9 +7,8 @@
 
 namespace fathom::stereo {
 
-// Where to look when nobody knows the altitude: a level plane in the middle of the disparities between the
-// configured ranges, and a search radius that reaches both ends (or 256 px, the most that SparseStereo
-// takes).
+// The search without an altitude: a level plane in the middle of the disparities between the configured
+// ranges, and a search radius that reaches both ends (at most 256 px, SparseStereo's limit).
 struct WideSearch {
   SeedPlane plane;
   double search_radius = 0;  // [px]
@@ -18,17 +17,17 @@ struct WideSearch {
 
 // The plane through stereo points in the left camera frame: inverse depth is linear in the ray, 1/z = n .
 // (x/z, y/z, 1) / d, fitted by iteratively reweighted least squares with Cauchy's weights, scale from the
-// median absolute residual. Nothing for fewer than 12 points, or for points that no plane in front of the
-// camera fits.
+// median absolute residual. Nothing for fewer than 12 points, or where no plane in front of the camera
+// fits them.
 [[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points);
 
 // The seafloor's plane from a pair of images alone.
 class PlaneScout {
  public:
-  // Of `config` the ranges and the checks are used.
+  // Uses the ranges and checks of `config`.
   PlaneScout(const StereoRig& rig, SparseStereoConfig config);
 
-  // 8-bit mono images. Nothing where they show too little, or do not belong to one another.
+  // 8-bit mono images. Nothing for too few matches or images that do not overlap.
   [[nodiscard]] std::optional<SeedPlane> find(const ImageView& left, const ImageView& right);
 
  private:

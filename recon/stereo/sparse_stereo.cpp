@@ -2,7 +2,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <stdexcept>
 #include <string>
 
@@ -16,43 +18,82 @@
 namespace fathom::stereo {
 namespace {
 
-constexpr int kLevels = 3;                        // of the pyramids: the coarsest is a quarter of the size
-constexpr double kTopPixel = 1 << (kLevels - 1);  // [px]
+constexpr int kSparseLevels = 3;  // of the pyramids: the coarsest is a quarter of the size
+constexpr double kTopPixel = 1 << (kSparseLevels - 1);  // [px]
 constexpr int kMaxFeatures = 5000;
 constexpr double kHalfPi = 1.5707963267948966;
 constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both cameras see
 
-// Of the window's middle, which must lead to the same place.
+// Of the window's middle, which must converge to the same position.
 int coreWindow(int window) {
   return std::max(PatchTracker::kMinWindow, window / 4 * 2 + 1);
 }
 
-void require(bool holds, const char* what) {
+void requireSparse(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("sparse stereo: ") + what);
 }
 
 void validate(const StereoRig& rig, const SparseStereoConfig& c) {
   for (const Camera* camera : {&rig.left, &rig.right}) {
-    require(camera->width >= 1 && camera->height >= 1, "the rig has no image size");
-    require(camera->width <= Delaunay::kMaxCoordinate && camera->height <= Delaunay::kMaxCoordinate,
-            "the images are too large");
-    require(camera->fx > 0 && camera->fy > 0, "the rig has no focal length");
+    requireSparse(camera->width >= 1 && camera->height >= 1, "the rig has no image size");
+    requireSparse(camera->width <= Delaunay::kMaxCoordinate && camera->height <= Delaunay::kMaxCoordinate,
+                  "the images are too large");
+    requireSparse(camera->fx > 0 && camera->fy > 0, "the rig has no focal length");
   }
-  require(rig.baseline() > 0, "the rig has no baseline");
-  require(c.max_features >= 1 && c.max_features <= kMaxFeatures, "max_features must be 1 to 5000");
-  require(c.window >= PatchTracker::kMinWindow && c.window <= PatchTracker::kMaxWindow && c.window % 2 == 1,
-          "window must be odd, 7 to 31 px");
-  require(c.max_epipolar_distance > 0, "max_epipolar_distance must be positive");
-  require(c.max_left_right_distance > 0, "max_left_right_distance must be positive");
-  require(c.sigma_scale > 0, "sigma_scale must be positive");
-  require(c.max_core_distance > 0, "max_core_distance must be positive");
-  require(c.max_edge > 0, "max_edge must be positive");
-  require(c.min_range > 0 && c.max_range > c.min_range, "ranges must be 0 < min_range < max_range");
-  require(c.search_radius >= 0 && c.search_radius <= 256, "search_radius must be 0 to 256 px");
-  require(c.min_correlation >= 0 && c.min_correlation < 1, "min_correlation must be 0 to below 1");
-  require(c.max_slope > 0 && c.max_slope < kHalfPi, "max_slope must lie between 0 and pi/2");
-  require(c.min_patch_points >= 1, "min_patch_points must be at least 1");
-  require(c.max_fish_length >= 0, "max_fish_length must not be negative");
+  requireSparse(rig.baseline() > 0, "the rig has no baseline");
+  requireSparse(c.max_features >= 1 && c.max_features <= kMaxFeatures, "max_features must be 1 to 5000");
+  requireSparse(
+      c.window >= PatchTracker::kMinWindow && c.window <= PatchTracker::kMaxWindow && c.window % 2 == 1,
+      "window must be odd, 7 to 31 px");
+  requireSparse(c.max_epipolar_distance > 0, "max_epipolar_distance must be positive");
+  requireSparse(c.max_left_right_distance > 0, "max_left_right_distance must be positive");
+  requireSparse(c.sigma_scale > 0, "sigma_scale must be positive");
+  requireSparse(c.max_core_distance > 0, "max_core_distance must be positive");
+  requireSparse(c.max_edge > 0, "max_edge must be positive");
+  requireSparse(c.min_range > 0 && c.max_range > c.min_range, "ranges must be 0 < min_range < max_range");
+  requireSparse(c.search_radius >= 0 && c.search_radius <= 256, "search_radius must be 0 to 256 px");
+  requireSparse(c.min_correlation >= 0 && c.min_correlation < 1, "min_correlation must be 0 to below 1");
+  requireSparse(c.max_slope > 0 && c.max_slope < kHalfPi, "max_slope must be between 0 and pi/2");
+  requireSparse(c.min_patch_points >= 1, "min_patch_points must be at least 1");
+  requireSparse(c.max_fish_length >= 0, "max_fish_length must not be negative");
+}
+
+// The colour of a point, as points are where contrast is strongest and single pixels are noisy: the mean of
+// an 8-bit RGB or mono image over a square about a pixel, of a grid of kAcross x kAcross pixels.
+constexpr int kAcross = 7;
+
+Rgb colourAbout(const ImageView& image, const Eigen::Vector2f& pixel, int step) {
+  const std::size_t channels = image.format == PixelFormat::kRgb ? 3 : 1;
+  const auto* bytes = static_cast<const std::uint8_t*>(image.data);
+  const auto middle = [](float at, int size) {
+    return static_cast<int>(std::lround(std::clamp(at, 0.0F, static_cast<float>(size - 1))));
+  };
+  const int x = middle(pixel.x(), image.width), y = middle(pixel.y(), image.height), half = kAcross / 2;
+  std::array<std::uint32_t, 3> sums{};
+  std::uint32_t count = 0;
+  for (int j = -half; j <= half; ++j) {
+    const int row = y + j * step;
+    if (row < 0 || row >= image.height) continue;
+    for (int i = -half; i <= half; ++i) {
+      const int column = x + i * step;
+      if (column < 0 || column >= image.width) continue;
+      const std::uint8_t* at =
+          bytes + static_cast<std::size_t>(row) * image.stride + static_cast<std::size_t>(column) * channels;
+      for (std::size_t c = 0; c < 3; ++c) sums[c] += at[channels == 3 ? c : 0];
+      ++count;
+    }
+  }
+  Rgb colour{};
+  for (std::size_t c = 0; c < 3; ++c) colour[c] = static_cast<std::uint8_t>((sums[c] + count / 2) / count);
+  return colour;
+}
+
+// Half of the square that one point represents.
+int colourStep(const ImageView& image, std::size_t points) {
+  const double spacing = std::sqrt(static_cast<double>(image.width) * image.height /
+                                   static_cast<double>(std::max<std::size_t>(points, 1)));
+  constexpr int kMost = 5;
+  return std::clamp(static_cast<int>(0.5 * spacing / kAcross), 1, kMost);
 }
 
 }  // namespace
@@ -77,7 +118,7 @@ struct SparseStereo::Impl {
     look();
   }
 
-  // What depends on how the rig stands.
+  // Depends on the rig.
   void look() {
     for (int j = 0; j < kViewNodes; ++j)
       for (int i = 0; i < kViewNodes; ++i)
@@ -89,8 +130,8 @@ struct SparseStereo::Impl {
 
   // Both pyramids need the same number.
   static int levels(const StereoRig& r) {
-    return std::min(GrayPyramid::levels(r.left.width, r.left.height, kLevels),
-                    GrayPyramid::levels(r.right.width, r.right.height, kLevels));
+    return std::min(GrayPyramid::levels(r.left.width, r.left.height, kSparseLevels),
+                    GrayPyramid::levels(r.right.width, r.right.height, kSparseLevels));
   }
 
   void ended(const char* stage) const {
@@ -115,8 +156,8 @@ struct SparseStereo::Impl {
   std::function<void(const char* stage)> observer;
 };
 
-// The part of the left image whose seeds the right camera sees: a box about the visible nodes of a coarse
-// lattice.
+// The part of the left image with seeds in the right image: a box about the visible nodes of a
+// coarse lattice.
 PixelBox SparseStereo::Impl::sharedView(const ViewPlane& left_plane) const {
   const int half = config.window / 2;
   const Eigen::Vector2d spacing = viewNode(1, 1);
@@ -209,6 +250,51 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   m.mesh.triangulate(m.config, m.result, left.mask);
   m.ended("triangles");
   return m.result;
+}
+
+SparseStereoConfig readSparseStereoConfig(const ConfigTable& table, const SparseStereoConfig& defaults) {
+  SparseStereoConfig c = defaults;
+  const auto whole = [&](const char* key, int fallback, int min, int max) {
+    return static_cast<int>(table.integer(key, fallback, min, max));
+  };
+  c.max_features = whole("max_features", c.max_features, 20, 5000);
+  c.window = whole("window_px", c.window, PatchTracker::kMinWindow, PatchTracker::kMaxWindow);
+  if (c.window % 2 == 0) table.fail("window_px", "must be odd");
+  c.max_epipolar_distance = table.number("max_epipolar_px", c.max_epipolar_distance, 0.1, 10);
+  c.max_left_right_distance = table.number("max_left_right_px", c.max_left_right_distance, 0.05, 10);
+  c.max_core_distance = table.number("max_core_px", c.max_core_distance, 0.05, 10);
+  c.min_correlation = table.number("min_correlation", c.min_correlation, 0, 0.99);
+  c.sigma_scale = table.number("sigma_scale", c.sigma_scale, 0.1, 10);
+  c.search_radius = table.number("search_radius_px", c.search_radius, 1, 256);
+  c.min_range = table.number("min_range_m", c.min_range, 0.05, 50);
+  c.max_range = table.number("max_range_m", c.max_range, 0.1, 100);
+  if (c.max_range <= c.min_range) table.fail("max_range_m", "must be greater than min_range_m");
+  c.max_edge = table.number("max_edge_m", c.max_edge, 0.01, 10);
+  c.min_patch_points = whole("min_patch_points", c.min_patch_points, 1, 1000);
+  c.max_fish_length = table.number("max_fish_length_m", c.max_fish_length, 0, 10);
+  return c;
+}
+
+void toMesh(const StereoResult& result, const ImageView& left_rgb, Mesh& mesh) {
+  const bool coloured = !left_rgb.empty() && left_rgb.bits == 8 && left_rgb.format != PixelFormat::kBayerRggb;
+  const int step = coloured ? colourStep(left_rgb, result.points.size()) : 1;
+  mesh.vertices.clear();
+  mesh.colours.clear();
+  mesh.texture_coordinates.clear();
+  mesh.sigma.clear();
+  for (const StereoPoint& p : result.points) {
+    mesh.vertices.push_back(p.point);
+    mesh.sigma.push_back(p.sigma_z);
+    if (coloured) mesh.colours.push_back(colourAbout(left_rgb, p.left, step));
+  }
+  mesh.triangles.assign(result.triangles.begin(), result.triangles.end());
+  computeNormals(mesh);
+}
+
+Mesh toMesh(const StereoResult& result, const ImageView& left_rgb) {
+  Mesh mesh;
+  toMesh(result, left_rgb, mesh);
+  return mesh;
 }
 
 }  // namespace fathom::stereo

@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "realtime/base/config_table.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -21,18 +22,18 @@ struct SparseStereoConfig {
   int window = 15;                       // Lucas-Kanade window edge [px], odd
   double max_epipolar_distance = 1.0;    // [px]
   double max_left_right_distance = 0.5;  // left-right check [px]
-  // Between the place that the whole window leads to and the one that its middle half does [px]: a window
-  // across a step in depth follows the side that has more contrast, its middle the side that it belongs to.
+  // Between the positions that the whole window and its middle half converge to [px]: across a step in depth
+  // the window follows the side with more contrast, its middle the side of the point.
   double max_core_distance = 0.4;
   double sigma_scale = 1.0;                  // of all standard deviations; 1 is calibrated
   double max_edge = 0.5;                     // longest triangle edge [m]
   double min_range = 0.5, max_range = 12.0;  // accepted z [m]
   double search_radius = 32.0;   // reach of the search along the epipolar line about the seed [px]
   double min_correlation = 0.6;  // zero-mean normalised, of the two windows
-  double max_slope = 1.396;  // between a triangle's normal and the line of sight [rad]: 80 deg; seen flatter,
-                             // a triangle spans a gap between surfaces
-  int min_patch_points = 6;  // smaller groups of points that nothing joins to the rest are dropped
-  double max_fish_length = 0.6;  // longest thing in mid-water that is dropped as a fish [m]; 0: none
+  double max_slope = 1.396;      // between a triangle's normal and the line of sight [rad]: 80 deg; a steeper
+                                 // triangle spans a gap between surfaces
+  int min_patch_points = 6;      // smaller isolated groups of points are dropped
+  double max_fish_length = 0.6;  // longest object in mid-water that is dropped as a fish [m]; 0: none
 };
 
 // The seafloor as a plane in the left camera frame, from DVL altitude and attitude: normal . p = distance.
@@ -57,34 +58,34 @@ struct StereoResult {
   std::vector<StereoPoint> points;
   std::vector<std::array<std::uint32_t, 3>> triangles;  // of points; normals towards the camera
   struct Rejected {
-    // Nothing alike found, or another place with the window's middle alone, or a part of the vehicle.
+    // No match found, or another position with the window's middle alone, or hidden by a mask.
     std::uint32_t no_track = 0;
     std::uint32_t left_right = 0, epipolar = 0, range = 0;
     std::uint32_t outlier = 0;  // depth contradicts the neighbours'
-    std::uint32_t fish = 0;     // on something in mid-water
+    std::uint32_t fish = 0;     // on an object in mid-water
   } rejected;
   std::uint32_t corners = 0;
-  float noise_scale = 1;  // by which MatchNoise widened the standard deviations
+  float noise_scale = 1;  // by which MatchNoise inflated the standard deviations
 };
 
 // Sparse stereo for a small-baseline down-looking rig, on distorted images, after Johnson-Roberson et al.
 // 2010, section 4.2:
 // 1. Harris corners, spread over what both cameras see of the seed plane (HarrisCorners).
-// 2. Each is searched along its epipolar line about the seed plane and followed down a pyramid by
-// Lucas-Kanade
-//    with gain and offset (EpipolarSearch, PatchTracker). The window's middle must lead to the same place.
-// 3. The match must lie near the epipolar line (calibration), and searched back with the same effort lead to
-//    the corner.
+// 2. Each is searched along its epipolar line about the seed plane and refined down a pyramid by Lucas-Kanade
+//    with gain and offset (EpipolarSearch, PatchTracker). The window's middle must converge to the same
+//    position.
+// 3. The match must be near the epipolar line (calibration), and the same search from it in the left image
+// must
+//    end at the corner.
 // 4. Midpoint triangulation with a covariance: the match's own, J S J^T through the triangulation
-//    (MidpointTriangulation), widened by what the frame's epipolar residuals show (MatchNoise). For parallel
+//    (MidpointTriangulation), inflated by the frame's epipolar residuals (MatchNoise). For parallel
 //    cameras sigma_z = z^2 sigma_d / (f b), with the sigma_d of that match.
-// 5. Mismatches and fish are dropped (DepthConsistency), the rest is triangulated in the image plane
-// (LocalMesh).
+// 5. Mismatches and fish are dropped (DepthConsistency), the rest is triangulated in the image (LocalMesh).
 //
 // Work. The images cost the same in every frame: pyramids and corners, some 3 ms for a full-size pair. A
-// feature costs at most, each way, search_radius / 2 + 1 window correlations and 22 Lucas-Kanade steps on 3
-// levels, and 12 more steps for the middle; steps 4 and 5 are linear in the number of features. Lower
-// max_features lowers the time of a frame in proportion. No call of the heap after construction.
+// feature costs at most, in each direction, search_radius / 2 + 1 window correlations and 22 Lucas-Kanade
+// steps on 3 levels, and 12 more steps for the middle; steps 4 and 5 are linear in the number of features.
+// Lower max_features lowers the time of a frame in proportion. No call of the heap after construction.
 class SparseStereo {
  public:
   // Throws std::invalid_argument for a configuration out of range. `kernels`: the instruction set to use,
@@ -92,13 +93,13 @@ class SparseStereo {
   SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels = nullptr);
   ~SparseStereo();
 
-  // `left`, `right`: 8-bit mono, the rig's size; what their masks hide gives no points. `max_features`: this
-  // frame's quota of corners, up to the configured number; <= 0: as configured. The result is reused by the
-  // next call. Empty or wrongly sized images give an empty result.
+  // `left`, `right`: 8-bit mono, the rig's size; hidden parts of their masks give no points. `max_features`:
+  // this frame's quota of corners, up to the configured number; <= 0: as configured. The result is reused by
+  // the next call. Empty or wrongly sized images give an empty result.
   const StereoResult& process(const ImageView& left, const ImageView& right, const SeedPlane& plane,
                               int max_features = 0);
 
-  // As the rig stands from now on; of the same images. No call of the heap.
+  // Changes the rig; image sizes stay. No call of the heap.
   void setRig(const StereoRig& rig);
 
   // Called with the stage's name at the end of each stage of process(): "pyramids", "corners", "tracking",
@@ -113,7 +114,12 @@ class SparseStereo {
 // The local mesh of a stereo result in the left camera frame, with sigma and colours sampled from `left_rgb`
 // (8-bit RGB or mono, same size as the left image; empty: no colours).
 [[nodiscard]] Mesh toMesh(const StereoResult& result, const ImageView& left_rgb);
-// The same into a mesh whose memory is used again.
+// The same into a mesh that keeps its memory.
 void toMesh(const StereoResult& result, const ImageView& left_rgb, Mesh& mesh);
+
+// Reads the keys of a [stereo] table (README.md lists them with units and ranges) over `defaults`. Throws
+// InputError; unknown keys are left for the caller's finish().
+[[nodiscard]] SparseStereoConfig readSparseStereoConfig(const ConfigTable& table,
+                                                        const SparseStereoConfig& defaults);
 
 }  // namespace fathom::stereo

@@ -1,21 +1,25 @@
 #include "recon/surface/atlas.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <vector>
 
-#include "recon/geometry/triangle_edges.hpp"
+#include "recon/geometry/triangles.hpp"
+#include "recon/surface/chart_face.hpp"
 #include "recon/surface/charts.hpp"
-#include "recon/surface/packing.hpp"
+#include "recon/surface/triangle_rows.hpp"
 
 namespace fathom::surface {
 namespace {
 
-// Blocks of BC1 and quarters of an atlas never lie in two charts, and a parent's texel is 4 x 4 of its
-// children's wherever both look from above.
+// Blocks of BC1 and quarters of an atlas are within one chart each, and a parent's texel is 4 x 4 of its
+// children's where both are drawn from above.
 constexpr int kBlock = 4;
-// An atlas that came out too large is made again with texels larger by this.
+// Factor by which texels are enlarged when an atlas is too large.
 constexpr double kCoarser = 1.25;
 
 int downToBlock(double texels) {
@@ -85,14 +89,162 @@ void fillTile(const TileMesh& surface, const std::vector<ChartFaces>& faces, Atl
 }
 
 std::vector<Rim> rimsOf(const Mesh& mesh) {
-  // Vertices of the atlas belong to one chart, so that a side with another face is found by its vertices
-  // alone.
+  // Vertices of the atlas belong to one chart, so that a side with another face is found by its
+  // vertices alone.
   std::vector<Rim> rims;
   visitEdges(mesh.triangles, [&](const std::vector<std::uint32_t>& sides) {
     if (sides.size() == 1) rims.push_back({sides[0] / 3, sides[0] % 3});
   });
   return rims;
 }
+
+struct Rectangle {
+  int width = 0, height = 0;  // [texels]
+  int x = 0, y = 0;           // position in the atlas
+};
+
+struct PackedSize {
+  int width = 0, height = 0;
+};
+
+struct Step {
+  int x, width, top;  // of the skyline: free from `top` downwards
+};
+
+// Places all in `order`; returns their height.
+int packInto(std::vector<Rectangle>& rectangles, const std::vector<std::size_t>& order, int width) {
+  std::vector<Step> skyline = {{0, width, 0}};
+  int height = 0;
+  for (const std::size_t number : order) {
+    Rectangle& r = rectangles[number];
+    std::size_t best = skyline.size();
+    int best_top = 0;
+    for (std::size_t i = 0; i < skyline.size() && skyline[i].x + r.width <= width; ++i) {
+      int top = 0;
+      for (std::size_t k = i; k < skyline.size() && skyline[k].x < skyline[i].x + r.width; ++k)
+        top = std::max(top, skyline[k].top);
+      if (best == skyline.size() || top < best_top) {
+        best = i;
+        best_top = top;
+      }
+    }
+    r.x = skyline[best].x;
+    r.y = best_top;
+    height = std::max(height, r.y + r.height);
+    // The steps under it end where it does.
+    const int right = r.x + r.width;
+    std::size_t after = best;
+    while (after < skyline.size() && skyline[after].x + skyline[after].width <= right) ++after;
+    if (after < skyline.size() && skyline[after].x < right) {
+      skyline[after].width -= right - skyline[after].x;
+      skyline[after].x = right;
+    }
+    skyline.erase(skyline.begin() + static_cast<std::ptrdiff_t>(best),
+                  skyline.begin() + static_cast<std::ptrdiff_t>(after));
+    skyline.insert(skyline.begin() + static_cast<std::ptrdiff_t>(best), {r.x, r.width, r.y + r.height});
+  }
+  return height;
+}
+
+// Packs rectangles without overlap, on a skyline (Jylanki 2010, "bottom left"), with the width of a few that
+// gives the least area. Sizes that are multiples of a number give positions that are.
+PackedSize pack(std::vector<Rectangle>& rectangles) {
+  if (rectangles.empty()) return {};
+  std::vector<std::size_t> order(rectangles.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    const Rectangle &p = rectangles[a], &q = rectangles[b];
+    return p.height != q.height ? p.height > q.height : p.width > q.width;
+  });
+  int widest = 0, all = 0, narrow = 0;
+  for (const Rectangle& r : rectangles) {
+    widest = std::max(widest, r.width);
+    all += r.width;
+  }
+  // Widths to try: the widest rectangle's with room for a column of narrower ones.
+  for (const Rectangle& r : rectangles)
+    if (r.width < widest) narrow = std::max(narrow, r.width);
+  PackedSize best;
+  long long best_area = 0;
+  for (const int width : {widest, widest + narrow, widest + 2 * narrow, 2 * widest, 3 * widest, 4 * widest}) {
+    if (width > std::max(all, widest)) continue;
+    const int height = packInto(rectangles, order, width);
+    // Of equal areas the one nearer to a square.
+    const long long area = 1LL * width * height, longer = std::max(width, height);
+    if (best.width == 0 || area < best_area ||
+        (area == best_area && longer < std::max(best.width, best.height))) {
+      best = {width, height};
+      best_area = area;
+    }
+  }
+  (void)packInto(rectangles, order, best.width);
+  return best;
+}
+
+class Drawing {
+ public:
+  Drawing(const Atlas& atlas, int first_row, int rows, std::vector<Texel>& texels)
+      : atlas_(atlas), first_(first_row), end_(first_row + rows), texels_(texels) {}
+
+  void run() {
+    texels_.assign(static_cast<std::size_t>(atlas_.width) * static_cast<std::size_t>(end_ - first_), Texel{});
+    for (std::uint32_t f = 0; f < atlas_.chart_of_face.size(); ++f) drawFace(f);
+    for (const Rim& rim : atlas_.rims) drawGutter(rim);
+  }
+
+ private:
+  [[nodiscard]] Texel* row(int number) {
+    return texels_.data() +
+           static_cast<std::size_t>(number - first_) * static_cast<std::size_t>(atlas_.width);
+  }
+
+  void drawFace(std::uint32_t f) {
+    const ChartFace face(atlas_, f);
+    if (face.bottom() < first_ || face.top() > end_) return;
+    forTriangleRows(face.corners(), atlas_.tile.surface.mesh.triangles[f], first_, end_,
+                    [&](int y, int begin, int end) {
+                      const Eigen::Vector3f start = face.point(begin + 0.5, y + 0.5).cast<float>();
+                      const Eigen::Vector3f step = face.columnStep().cast<float>();
+                      Texel* texel = row(y) + begin;
+                      for (int k = 0; k < end - begin; ++k, ++texel) {
+                        texel->face = static_cast<std::int32_t>(f);
+                        texel->point = start + static_cast<float>(k) * step;
+                      }
+                    });
+  }
+
+  void drawGutter(const Rim& rim) {
+    const ChartFace face(atlas_, rim.face);
+    const Eigen::Vector2d a = face.corners()[rim.side], b = face.corners()[(rim.side + 1U) % 3];
+    const double reach = atlas_.gutter;
+    const int top = std::max(first_, static_cast<int>(std::min(a.y(), b.y()) - reach));
+    const int bottom = std::min(end_, static_cast<int>(std::max(a.y(), b.y()) + reach) + 1);
+    if (top >= bottom) return;
+    const Chart& chart = atlas_.charts[atlas_.chart_of_face[rim.face]];
+    const int left = std::max(chart.x, static_cast<int>(std::min(a.x(), b.x()) - reach));
+    const int right = std::min(chart.x + chart.width, static_cast<int>(std::max(a.x(), b.x()) + reach) + 1);
+    if (distance_.empty()) distance_.assign(texels_.size(), std::numeric_limits<float>::max());
+    const Eigen::Vector2d side = b - a;
+    const double length2 = std::max(side.squaredNorm(), std::numeric_limits<double>::min());
+    for (int y = top; y < bottom; ++y)
+      for (int x = left; x < right; ++x) {
+        Texel& texel = row(y)[x];
+        float& nearest = distance_[static_cast<std::size_t>(&texel - texels_.data())];
+        if (texel.face >= 0 && nearest == std::numeric_limits<float>::max()) continue;  // a face's own
+        const Eigen::Vector2d at(x + 0.5, y + 0.5);
+        const Eigen::Vector2d on = a + side * std::clamp((at - a).dot(side) / length2, 0.0, 1.0);
+        const double distance2 = (at - on).squaredNorm();
+        if (distance2 > reach * reach || static_cast<float>(distance2) >= nearest) continue;
+        nearest = static_cast<float>(distance2);
+        texel = {static_cast<std::int32_t>(rim.face), face.beyond(on, at).cast<float>()};
+      }
+  }
+
+  const Atlas& atlas_;
+  int first_, end_;
+  std::vector<Texel>& texels_;
+  std::vector<float> distance_;  // of a gutter's texel to its rim, squared
+};
 
 }  // namespace
 
@@ -122,6 +274,10 @@ Atlas makeAtlas(const TileMesh& surface, const AtlasConfig& config) {
   fillTile(surface, faces, atlas);
   atlas.rims = rimsOf(atlas.tile.surface.mesh);
   return atlas;
+}
+
+void rasterise(const Atlas& atlas, int first_row, int rows, std::vector<Texel>& texels) {
+  Drawing(atlas, first_row, rows, texels).run();
 }
 
 }  // namespace fathom::surface

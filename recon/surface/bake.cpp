@@ -1,24 +1,28 @@
+#include "recon/surface/bake.hpp"
+
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <limits>
+#include <map>
 
-#include "recon/surface/atlas.hpp"
 #include "recon/surface/chart_face.hpp"
 #include "recon/surface/fill.hpp"
+#include "recon/surface/simplify.hpp"
 #include "recon/surface/triangle_rows.hpp"
 
 namespace fathom::surface {
 namespace {
 
-// Rows that are drawn at a time: bounds the memory beside the image to some 2 MB.
+// Rows processed at a time: bounds the memory beside the image to some 2 MB.
 constexpr int kBandRows = 64;
-// A child's surface shows through to a parent's texel from no farther than this: the levels' difference, seen
-// at a slant, and some texels.
+// Greatest distance of a child's surface from the parent's texel that it colours: the difference of the
+// levels, obliquely, and some texels.
 constexpr double kReachErrors = 5, kReachTexels = 16;
-constexpr int kMostSamples = 8;  // along one edge of a texel
+constexpr int kMostSamplesOfTexel = 8;  // along one edge of a texel
 
-// A child's triangle over a chart of the parent, and where its texture is.
+// A child's triangle over a chart of the parent, with its place in the child's texture.
 struct Source {
   const RgbImage* image;
   // Place in the child's atlas [texels, centres at half steps] of column 0, row 0, and its change with both.
@@ -127,7 +131,7 @@ class Bake {
   // The mean over the texel's area: as many samples as it covers texels of the child.
   void sample(const Source& source, int column, int row) {
     const auto count = [](const Eigen::Vector2d& step) {
-      return std::clamp(static_cast<int>(std::lround(step.norm())), 1, kMostSamples);
+      return std::clamp(static_cast<int>(std::lround(step.norm())), 1, kMostSamplesOfTexel);
     };
     const int columns = count(source.for_column), rows = count(source.for_row);
     std::array<float, 3> sum{};
@@ -155,10 +159,82 @@ class Bake {
   std::vector<Source> sources_;
 };
 
+constexpr int kQuarter = 4;
+
+constexpr int kMostSamplesOfEdge = 16;  // along the longest edge of a face
+constexpr float kCornerShare = 0.5F;    // barycentric weight above which a place belongs to a corner
+
+struct Mean {
+  std::array<float, 3> sum{};
+  float count = 0;
+};
+
 }  // namespace
 
 RgbImage bakeFromChildren(const Atlas& parent, const std::vector<const TexturedTile*>& children) {
   return Bake(parent, children).run();
+}
+
+TexturedTile quarterAtlas(const TexturedTile& tile) {
+  const RgbImage& fine = tile.atlas;
+  assert(fine.width % kQuarter == 0 && fine.height % kQuarter == 0);
+  TexturedTile out{tile.surface, {fine.width / kQuarter, fine.height / kQuarter, {}}, tile.texel * kQuarter};
+  out.atlas.rgb.resize(3 * static_cast<std::size_t>(out.atlas.width) *
+                       static_cast<std::size_t>(out.atlas.height));
+  for (int y = 0; y < out.atlas.height; ++y) {
+    for (int x = 0; x < out.atlas.width; ++x) {
+      std::array<unsigned, 3> sum{};
+      for (int v = 0; v < kQuarter; ++v) {
+        const std::uint8_t* row = fine.at(kQuarter * x, kQuarter * y + v);
+        for (std::size_t u = 0; u < kQuarter; ++u)
+          for (std::size_t c = 0; c < 3; ++c) sum[c] += row[3 * u + c];
+      }
+      constexpr unsigned kTexels = kQuarter * kQuarter;
+      for (std::size_t c = 0; c < 3; ++c)
+        out.atlas.at(x, y)[c] = static_cast<std::uint8_t>((sum[c] + kTexels / 2) / kTexels);
+    }
+  }
+  return out;
+}
+
+void colourVertices(TexturedTile& tile) {
+  Mesh& mesh = tile.surface.mesh;
+  const RgbImage& atlas = tile.atlas;
+  std::map<std::array<std::uint32_t, 3>, Mean> means;
+  for (const auto& t : mesh.triangles) {
+    std::array<Mean*, 3> corner;
+    std::array<Eigen::Vector2f, 3> texel;
+    for (std::size_t k = 0; k < 3; ++k) {
+      corner[k] = &means[bitsOf(mesh.vertices[t[k]])];
+      const Eigen::Vector2f& st = mesh.texture_coordinates[t[k]];
+      texel[k] = {st.x() * static_cast<float>(atlas.width), (1 - st.y()) * static_cast<float>(atlas.height)};
+    }
+    const float longest =
+        std::max({(texel[0] - texel[1]).norm(), (texel[1] - texel[2]).norm(), (texel[2] - texel[0]).norm()});
+    const int n = std::clamp(static_cast<int>(std::ceil(longest)), 2, kMostSamplesOfEdge);
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j < n - i; ++j) {
+        const auto whole = static_cast<float>(n);
+        const float a = (static_cast<float>(i) + 1.0F / 3) / whole,
+                    b = (static_cast<float>(j) + 1.0F / 3) / whole;
+        const std::array<float, 3> share{1 - a - b, a, b};
+        const auto most =
+            static_cast<std::size_t>(std::max_element(share.begin(), share.end()) - share.begin());
+        if (share[most] < kCornerShare) continue;
+        const Eigen::Vector2f at = share[0] * texel[0] + a * texel[1] + b * texel[2];
+        const std::uint8_t* colour = atlas.at(std::clamp(static_cast<int>(at.x()), 0, atlas.width - 1),
+                                              std::clamp(static_cast<int>(at.y()), 0, atlas.height - 1));
+        for (std::size_t c = 0; c < 3; ++c) corner[most]->sum[c] += static_cast<float>(colour[c]);
+        corner[most]->count += 1;
+      }
+  }
+  mesh.colours.resize(mesh.vertices.size());
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+    const auto found = means.find(bitsOf(mesh.vertices[v]));
+    if (found == means.end() || found->second.count == 0) continue;
+    for (std::size_t c = 0; c < 3; ++c)
+      mesh.colours[v][c] = static_cast<std::uint8_t>(std::lround(found->second.sum[c] / found->second.count));
+  }
 }
 
 }  // namespace fathom::surface

@@ -3,15 +3,17 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "recon/surface/block_blender.hpp"
-#include "recon/surface/view_choice.hpp"
+#include "recon/surface/chart_lattice.hpp"
+#include "recon/surface/view_projection.hpp"
 
 namespace fathom::surface {
 namespace {
 
-constexpr int kStep = ChartLattice::kStep;
 constexpr double kFade = 0.08;  // of the image's height: the rise of a view's weight at its border
 
 // Mean of the vertices' colours, for a chart that no view sees.
@@ -25,7 +27,7 @@ Rgb colourOf(const Mesh& mesh) {
   return mean;
 }
 
-// Everything of a chart that no view coloured: cells without a seen corner, and those without faces.
+// Paints the parts of a chart without a view: cells without a visible corner, and those without faces.
 void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLattice::Grid& grid,
                const ColourGrid& filled, const std::vector<std::uint8_t>& seen, RgbImage& atlas) {
   const auto place = [&](int i, int j) {
@@ -35,10 +37,10 @@ void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLatti
     for (int i = 0; i + 1 < grid.columns; ++i) {
       const std::size_t a = place(i, j), b = a + 1, c = place(i, j + 1), d = c + 1;
       if (lattice.covered[grid.cell(i, j)] != 0 && (seen[a] | seen[b] | seen[c] | seen[d]) != 0) continue;
-      for (int y = 0; y < std::min(kStep, chart.height - kStep * j); ++y) {
-        for (int x = 0; x < std::min(kStep, chart.width - kStep * i); ++x) {
-          const float fx = static_cast<float>(x) / kStep, fy = static_cast<float>(y) / kStep;
-          std::uint8_t* texel = atlas.at(chart.x + kStep * i + x, chart.y + kStep * j + y);
+      for (int y = 0; y < std::min(kTexelStep, chart.height - kTexelStep * j); ++y) {
+        for (int x = 0; x < std::min(kTexelStep, chart.width - kTexelStep * i); ++x) {
+          const float fx = static_cast<float>(x) / kTexelStep, fy = static_cast<float>(y) / kTexelStep;
+          std::uint8_t* texel = atlas.at(chart.x + kTexelStep * i + x, chart.y + kTexelStep * j + y);
           for (std::size_t k = 0; k < 3; ++k) {
             const auto at = [&](std::size_t node) { return filled.values[4 * node + k]; };
             const float top = at(a) + fx * (at(b) - at(a)), bottom = at(c) + fx * (at(d) - at(c));
@@ -48,6 +50,47 @@ void paintRest(const Chart& chart, const ChartLattice& lattice, const ChartLatti
       }
     }
   }
+}
+
+constexpr int kEvery = 16;  // nodes of the lattice
+
+// Chooses the views that are among the `most` most central ones at some place of the surface (sampled every
+// 16 cm at 1.2 mm a texel), which bounds the work and the images held where the vehicle hovered or passed
+// many times. Indices in `views`, ascending.
+std::vector<std::uint32_t> chooseViews(const ChartLattice& lattice, const std::vector<ViewProjection>& views,
+                                       int most) {
+  std::vector<std::uint8_t> chosen(views.size(), 0);
+  std::vector<std::pair<float, std::uint32_t>> seeing;
+  const auto look = [&](std::size_t node) {
+    seeing.clear();
+    for (std::uint32_t i = 0; i < views.size(); ++i) {
+      const ViewProjection& view = views[i];
+      const auto pixel = view.project(lattice.x[node], lattice.y[node], lattice.z[node]);
+      if (!pixel.valid || pixel.u < 0 || pixel.v < 0 || pixel.u > view.width - 1 || pixel.v > view.height - 1)
+        continue;
+      const float x = 2 * pixel.u / (view.width - 1) - 1, y = 2 * pixel.v / (view.height - 1) - 1;
+      seeing.emplace_back(x * x + y * y, i);
+    }
+    std::sort(seeing.begin(), seeing.end());
+    for (std::size_t k = 0; k < std::min(seeing.size(), static_cast<std::size_t>(std::max(most, 0))); ++k)
+      chosen[seeing[k].second] = 1;
+  };
+  for (const ChartLattice::Grid& grid : lattice.grids) {
+    for (int j = 0; j < grid.rows; j += kEvery) {
+      for (int i = 0; i < grid.columns; i += kEvery) {
+        // The first node with a position of this square.
+        [&] {
+          for (int b = j; b < std::min(j + kEvery, grid.rows); ++b)
+            for (int a = i; a < std::min(i + kEvery, grid.columns); ++a)
+              if (lattice.known[grid.node(a, b)] != 0) return look(grid.node(a, b));
+        }();
+      }
+    }
+  }
+  std::vector<std::uint32_t> out;
+  for (std::uint32_t i = 0; i < views.size(); ++i)
+    if (chosen[i] != 0) out.push_back(i);
+  return out;
 }
 
 }  // namespace

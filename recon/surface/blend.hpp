@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "recon/geometry/camera.hpp"
+#include "recon/geometry/image_view.hpp"
 #include "recon/geometry/mesh.hpp"
-#include "recon/geometry/rgb_image.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/surface/atlas.hpp"
 #include "recon/surface/band_image.hpp"
@@ -25,10 +25,10 @@ enum class BlendMode : std::uint8_t {
 struct BlendConfig {
   BlendMode mode = BlendMode::kBands;
   std::array<double, 3> sharpness = {5, 10, 50};  // k of low, middle and high band (eq. 1 and 2)
-  BandWidths bands;                               // what divides the bands
-  bool vote = true;                               // leave out views that the others contradict
-  double tolerance = 0.015;  // behind the nearest surface by less than this is still seen [m]
-  // Of the views that see a place at most so many are used, the most central ones.
+  BandWidths bands;                               // widths of the low passes between them
+  bool vote = true;                               // reject views that the others contradict
+  double tolerance = 0.015;  // a point this far behind the nearest surface is still visible [m]
+  // Most views of a place that are used, the most central ones.
   int views_of_a_place = 12;
 };
 
@@ -43,29 +43,28 @@ struct BlendCounts {
 // equations 1 and 2; Burt & Adelson 1983):
 //   texel = sum over bands b of  sum over views i of w_b(r_i) B_b,i / sum over views i of w_b(r_i),
 //   w_b(r) = exp(-k_b r),  r = distance of the projected point from the image's centre (1 in the corners),
-//                          and beyond it what the ground's resolution costs: 1 - z_min / z of the view's
-//                          range z and the nearest view's, so that twice as far counts as half the way to the
-//                          corner,
-// with bands that do not overlap: B = G(s2), G(s1) - G(s2), I - G(s1). To that comes a factor common to all
-// bands that falls to 0 at the image's border, at the edge of what is hidden and for faces seen edge-on, so
-// that no view begins or ends with a step. A view counts for a texel when its camera sees the point: inside
-// the image, not hidden by its mask, facing, and nothing of `occluders` in between. Moving things are voted
-// out where three or more views see a place and one differs by more than their spread. Texels that no view
-// sees take their neighbours' colours, and so do the gutters and the room between charts. One object a
-// thread; it keeps its memory. The result does not depend on the instruction set.
+//                          plus 1 - z_min / z for the loss of resolution at the view's range z against the
+//                          nearest view's (twice the range counts as half the distance to the corner),
+// with disjoint bands B = G(s2), G(s1) - G(s2), I - G(s1). A factor common to all bands falls to 0 at the
+// image's border, beside hidden parts and for faces seen edge-on, so that no view begins or ends with a step.
+// A view counts for a texel when its camera sees the point: inside the image, not hidden by its mask, facing,
+// and without `occluders` in between. Moving objects are rejected by a vote where three or more views see a
+// place and one differs by more than their spread. Texels without a view, gutters and the space between
+// charts take their neighbours' colours. One object a thread; it keeps its memory. The result does not depend
+// on the instruction set.
 class TextureBlender {
  public:
-  // One whose images are reduced as config.bands says.
+  // For one camera, with images reduced by config.bands.
   TextureBlender(const Camera& camera, const BlendConfig& config);
   // Several, numbered by views: as their images are in the bands, reduced.
   TextureBlender(std::vector<Camera> cameras, const BlendConfig& config);
   ~TextureBlender();
 
-  // The corrected 8-bit RGB image of a view (its camera's size), or null where it cannot be had. It is asked
-  // for once a view and tile, and must stay until blend() returns.
+  // The corrected 8-bit RGB image of a view (its camera's size), or null if unavailable. Called once for a
+  // view and tile; the image must stay until blend() returns.
   using ImageSource = std::function<const RgbImage*(std::uint32_t image)>;
-  // The same with its bands, made by makeBands(image, config.bands) and kept by whoever uses an image for
-  // several tiles; null where it cannot be had.
+  // The same with its bands, from makeBands(image, config.bands), for callers that keep them for several
+  // tiles; null if unavailable.
   using BandSource = std::function<std::shared_ptr<const BandImage>(std::uint32_t image)>;
 
   // Fills atlas.tile.atlas. `views`: places in `index`. `occluders`: the surface of the tile and around it.

@@ -7,8 +7,6 @@
 namespace fathom::surface {
 namespace {
 
-constexpr int kStep = ChartLattice::kStep;
-
 std::size_t sizeOf(int n) {
   return static_cast<std::size_t>(n);
 }
@@ -181,10 +179,10 @@ void BlockBlender::writeCells(const Chart& chart, const ChartLattice::Grid& grid
         cell.limit_v = static_cast<float>(image.height) - 1.01F;
         views.push_back(cell);
       }
-      const int x = kStep * (i0 + i), y = kStep * (j0 + j);
+      const int x = kTexelStep * (i0 + i), y = kTexelStep * (j0 + j);
       const CellTexels texels{atlas.at(chart.x + x, chart.y + y),
-                              static_cast<std::ptrdiff_t>(3) * atlas.width, std::min(kStep, chart.width - x),
-                              std::min(kStep, chart.height - y)};
+                              static_cast<std::ptrdiff_t>(3) * atlas.width,
+                              std::min(kTexelStep, chart.width - x), std::min(kTexelStep, chart.height - y)};
       counts.samples += views.size() * covered;
       if (config_.mode == BlendMode::kUnblended)
         writeBest(views, texels,
@@ -197,12 +195,12 @@ void BlockBlender::writeCells(const Chart& chart, const ChartLattice::Grid& grid
 
 void BlockBlender::writeBest(const std::vector<CellView>& views, const CellTexels& texels,
                              std::size_t first_texel) {
-  std::array<std::uint32_t, kStep * kStep> chosen{};
+  std::array<std::uint32_t, kTexelStep * kTexelStep> chosen{};
   kernels_.bestCell(views.data(), static_cast<int>(views.size()), texels, chosen.data());
   for (int y = 0; y < texels.rows; ++y)
     for (int x = 0; x < texels.columns; ++x)
       (*tile_.chosen)[first_texel + sizeOf(y) * sizeOf(tile_.atlas->width) + sizeOf(x)] =
-          views[chosen[sizeOf(kStep * y + x)]].place;
+          views[chosen[sizeOf(kTexelStep * y + x)]].place;
 }
 
 void BlockBlender::blend(const Chart& chart, std::size_t place, int i0, int j0, ColourGrid& seen,

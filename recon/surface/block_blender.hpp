@@ -2,26 +2,24 @@
 
 #include <vector>
 
-#include "recon/surface/active_view.hpp"
 #include "recon/surface/blend.hpp"
 #include "recon/surface/chart_lattice.hpp"
-#include "recon/surface/colour_grid.hpp"
+#include "recon/surface/fill.hpp"
 #include "recon/surface/kernels/blend_kernels.hpp"
 #include "recon/surface/view_vote.hpp"
 
 namespace fathom::surface {
 
-// Textures one square of a chart after another. Bands, weights and image positions are worked out at the
-// lattice's nodes; only the high band is looked up texel by texel, in the few views whose weight matters
-// there: texel = [low + middle - sum of w_high G(s1)] + sum of w_high I, the bracket interpolated between
-// nodes.
+// Textures a chart square by square. Bands, weights and image positions are computed at the lattice's nodes;
+// only the high band is sampled texel by texel, in the few views of relevant weight:
+//   texel = [low + middle - sum of w_high G(s1)] + sum of w_high I, the bracket interpolated between nodes.
 class BlockBlender {
  public:
   static constexpr int kCells = 16;  // of a block along one side
 
   BlockBlender(const BlendConfig& config, const BlendKernels& kernels) : config_(config), kernels_(kernels) {}
 
-  // What all blocks of a tile share; kept until the next call.
+  // Shared by all blocks of a tile; kept until the next call.
   struct Tile {
     const ChartLattice* lattice = nullptr;
     const std::vector<ActiveView>* views = nullptr;
@@ -54,7 +52,7 @@ class BlockBlender {
   Eigen::Vector3f middle_ = Eigen::Vector3f::Zero();
   float radius_ = 0;  // of the block's nodes around it [m]
   std::vector<std::uint32_t> meeting_,
-      looking_;  // places of the views that may see, and see, some of the block
+      looking_;  // indices of the views that may see, and that see, part of the block
   // A row of count_ for each of them.
   std::vector<float> u_, v_, low_, middle_band_, high_;
   std::vector<float> depth_, centrality_, freedom_, factor_, sums_;

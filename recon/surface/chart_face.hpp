@@ -8,14 +8,14 @@
 
 namespace fathom::surface {
 
-// A triangle as a chart shows it: corners in the atlas [texels, centres at half steps], and the points of its
-// plane that texels stand for [m, nav].
+// A triangle projected into a chart: its corners in the atlas [texels, centres at half steps], and the points
+// of its plane at texels [m, nav].
 class ChartFace {
  public:
   // A face of the atlas in its own chart.
   ChartFace(const Atlas& atlas, std::uint32_t face)
       : ChartFace(atlas.charts[atlas.chart_of_face[face]], atlas.tile.surface.mesh, face) {}
-  // Any mesh's triangle, looked at along a chart's axis.
+  // A triangle of any mesh, projected along a chart's axis.
   ChartFace(const Chart& chart, const Mesh& mesh, std::uint32_t face) {
     const double texel2 = chart.right.squaredNorm();
     std::array<double, 3> height;
@@ -53,13 +53,13 @@ class ChartFace {
     return corner_point_ + c * right_ + r * down_ + (slope_.x() * c + slope_.y() * r) * along_;
   }
   [[nodiscard]] Eigen::Vector3d columnStep() const { return right_ + slope_.x() * along_; }
-  // The point that continues the face from `on`, a place of its rim, to `at`: a steep plane is followed at 45
-  // degrees only, so as not to leave the surface far behind.
+  // The point that continues the face from `on`, a place of its rim, to `at`: slopes are limited to 45
+  // degrees, so that it stays near the surface.
   [[nodiscard]] Eigen::Vector3d beyond(const Eigen::Vector2d& on, const Eigen::Vector2d& at) const {
-    const Eigen::Vector2d way = at - on;
-    const double most = way.norm() * right_.norm();
+    const Eigen::Vector2d step = at - on;
+    const double most = step.norm() * right_.norm();
     const Eigen::Vector3d rim = point(on.x(), on.y());
-    return rim + way.x() * right_ + way.y() * down_ + std::clamp(slope_.dot(way), -most, most) * along_;
+    return rim + step.x() * right_ + step.y() * down_ + std::clamp(slope_.dot(step), -most, most) * along_;
   }
 
  private:

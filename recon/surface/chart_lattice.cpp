@@ -6,10 +6,9 @@
 namespace fathom::surface {
 namespace {
 
-constexpr int kStep = ChartLattice::kStep;
 constexpr int kStripRows = 64;  // of the atlas, rasterised at a time
 
-// A texel of a cell that shows a face: it stands for the plane there.
+// A texel of a cell that shows a face, with the plane there.
 struct Sample {
   std::int32_t face = -1;
   std::int32_t x = 0, y = 0;  // in the chart [texels]
@@ -58,7 +57,7 @@ class Filler {
     }
   }
 
-  // Nodes of covered cells that show no face lie on the plane of the nearest texel around that does.
+  // Nodes of covered cells without a face are on the plane of the nearest texel around that shows one.
   void extend() {
     for (std::size_t c = 0; c < atlas_.charts.size(); ++c) {
       const ChartLattice::Grid& grid = lattice_.grids[c];
@@ -77,15 +76,15 @@ class Filler {
       const Texel* row =
           &texels[static_cast<std::size_t>(y - first) * static_cast<std::size_t>(atlas_.width) +
                   static_cast<std::size_t>(chart.x)];
-      const int cy = y - chart.y, j = cy / kStep;
+      const int cy = y - chart.y, j = cy / kTexelStep;
       for (int cx = 0; cx < chart.width; ++cx) {
         const Texel& texel = row[cx];
         if (texel.face < 0) continue;
-        const int i = cx / kStep;
+        const int i = cx / kTexelStep;
         const std::size_t cell = grid.cell(i, j);
         ++lattice_.texels;
         if (lattice_.covered[cell]++ == 0) samples_[cell] = {texel.face, cx, cy, texel.point};
-        if (cx % kStep == 0 && cy % kStep == 0) set(grid.node(i, j), texel.point, texel.face);
+        if (cx % kTexelStep == 0 && cy % kTexelStep == 0) set(grid.node(i, j), texel.point, texel.face);
       }
     }
   }
@@ -109,14 +108,15 @@ class Filler {
         const std::size_t cell = grid.cell(u, v);
         if (lattice_.covered[cell] == 0) continue;
         const Sample& sample = samples_[cell];
-        const int dx = kStep * i - sample.x, dy = kStep * j - sample.y, distance = dx * dx + dy * dy;
+        const int dx = kTexelStep * i - sample.x, dy = kTexelStep * j - sample.y,
+                  distance = dx * dx + dy * dy;
         if (nearest == nullptr || distance < best) nearest = &sample, best = distance;
       }
     }
     if (nearest == nullptr) return;
     const Eigen::Vector3d normal = normals_[static_cast<std::size_t>(nearest->face)].cast<double>();
     const Eigen::Vector3d step =
-        (kStep * i - nearest->x) * chart.right + (kStep * j - nearest->y) * chart.down;
+        (kTexelStep * i - nearest->x) * chart.right + (kTexelStep * j - nearest->y) * chart.down;
     const double facing = normal.dot(chart.along);
     constexpr double kEdgeOn = 0.05;  // faces of a chart look along it; less than this is degenerate
     const double shift = std::abs(facing) > kEdgeOn ? -normal.dot(step) / facing : 0;
@@ -135,7 +135,8 @@ class Filler {
 ChartLattice::ChartLattice(const Atlas& atlas) : origin(middleOf(atlas.tile.surface.mesh)) {
   std::size_t nodes = 0, cells = 0;
   for (const Chart& chart : atlas.charts) {
-    Grid grid{(chart.width + kStep - 1) / kStep + 1, (chart.height + kStep - 1) / kStep + 1, nodes, cells};
+    Grid grid{(chart.width + kTexelStep - 1) / kTexelStep + 1,
+              (chart.height + kTexelStep - 1) / kTexelStep + 1, nodes, cells};
     grids.push_back(grid);
     nodes += static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
     cells += static_cast<std::size_t>(grid.columns - 1) * static_cast<std::size_t>(grid.rows - 1);

@@ -8,9 +8,9 @@
 
 namespace fathom::surface {
 
-// The surface at every kStep-th texel of every chart: what varies slowly over it is worked out there and
-// interpolated between. A chart's node (i, j) is its texel (kStep i, kStep j), its cell (i, j) the kStep x
-// kStep texels from there on; the outermost nodes may lie outside the chart.
+// The surface at every kStep-th texel of every chart, where slowly varying quantities are computed before
+// they are interpolated. Node (i, j) of a chart is its texel (kStep i, kStep j), cell (i, j) the kStep x
+// kStep texels from there on; the outermost nodes may be outside the chart.
 struct ChartLattice {
   static constexpr int kStep = 8;  // [texels]
 
@@ -33,9 +33,10 @@ struct ChartLattice {
   std::vector<Grid> grids;            // one a chart
   std::vector<float> x, y, z;         // of a node, relative to origin [m]
   std::vector<float> nx, ny, nz;      // its face's normal, unit length
-  std::vector<std::uint8_t> known;    // of a node: it has a position; so do the nodes of every covered cell
+  std::vector<std::uint8_t> known;    // of a node: it has a position, as have all nodes of covered cells
   std::vector<std::uint8_t> covered;  // of a cell: texels that show a face
   std::uint64_t texels = 0;           // that show a face
 };
+inline constexpr int kTexelStep = ChartLattice::kStep;
 
 }  // namespace fathom::surface

@@ -6,21 +6,21 @@
 #include <map>
 #include <numeric>
 
-#include "recon/geometry/triangle_edges.hpp"
+#include "recon/geometry/triangles.hpp"
 #include "recon/surface/triangle_rows.hpp"
 
 namespace fathom::surface {
 namespace {
 
-constexpr std::uint32_t kNone = 0xFFFFFFFF;
+constexpr std::uint32_t kNoRegion = 0xFFFFFFFF;
 // A slope of up to 60 degrees is drawn from above: there texels are stretched to twice their length.
 constexpr double kSeenFromAbove = 0.5;
-// A chart grows over faces that its axis sees as well as this [cosine]; faces of small charts may be seen
-// worse when they join a neighbour.
+// Least cosine between a chart's axis and the normals of its faces; less for small charts that join
+// a neighbour.
 constexpr double kGrown = 0.5, kJoined = 0.25;
 // A chart of fewer faces than this costs more in gutters and doubled vertices than it gains.
 constexpr std::size_t kFewFaces = 12;
-// Slivers as snapping to a lattice leaves them may be seen almost edge on: up to so many texels of area.
+// Slivers from snapping to a lattice may be almost edge-on: up to so many texels of area.
 constexpr double kSliverTexels = 200, kSliver = 0.02;
 
 const Eigen::Vector3d kUp(0, 0, -1);
@@ -74,7 +74,7 @@ class Charts {
       normal_[f] = area_[f] > 0 ? Eigen::Vector3d(n / (2 * area_[f])) : Eigen::Vector3d(0, 0, 0);
     }
     findNeighbours();
-    region_of_.assign(count, kNone);
+    region_of_.assign(count, kNoRegion);
   }
 
   std::vector<ChartFaces> run() {
@@ -95,13 +95,13 @@ class Charts {
   [[nodiscard]] Eigen::Vector3d corner(std::size_t face, std::size_t k) const {
     return mesh_.vertices[mesh_.triangles[face][k]].cast<double>();
   }
-  // A face without area is seen by everyone.
+  // A face without area fits every axis.
   [[nodiscard]] double seen(std::size_t face, const Eigen::Vector3d& outwards) const {
     return area_[face] > 0 ? normal_[face].dot(outwards) : 1;
   }
 
   void findNeighbours() {
-    neighbour_.assign(mesh_.triangles.size(), {kNone, kNone, kNone});
+    neighbour_.assign(mesh_.triangles.size(), {kNoRegion, kNoRegion, kNoRegion});
     visitEdges(mesh_.triangles, [&](const std::vector<std::uint32_t>& sides) {
       if (sides.size() != 2) return;
       neighbour_[sides[0] / 3][sides[0] % 3] = sides[1] / 3;
@@ -118,7 +118,7 @@ class Charts {
     for (std::size_t next = 0; next < region.faces.size(); ++next) {
       region.area += area_[region.faces[next]];
       for (const std::uint32_t n : neighbour_[region.faces[next]])
-        if (n != kNone && region_of_[n] == kNone && accept(n)) {
+        if (n != kNoRegion && region_of_[n] == kNoRegion && accept(n)) {
           region_of_[n] = number;
           region.faces.push_back(n);
         }
@@ -129,25 +129,25 @@ class Charts {
   void growFromAbove() {
     const auto fits = [this](std::uint32_t face) { return seen(face, kUp) >= kSeenFromAbove; };
     for (std::uint32_t f = 0; f < mesh_.triangles.size(); ++f)
-      if (region_of_[f] == kNone && fits(f)) grow(f, {{}, kUp, true}, fits);
+      if (region_of_[f] == kNoRegion && fits(f)) grow(f, {{}, kUp, true}, fits);
   }
 
   void growSteep() {
     // The largest face first: its normal is the least noisy.
     std::vector<std::uint32_t> order;
     for (std::uint32_t f = 0; f < mesh_.triangles.size(); ++f)
-      if (region_of_[f] == kNone) order.push_back(f);
+      if (region_of_[f] == kNoRegion) order.push_back(f);
     std::stable_sort(order.begin(), order.end(),
                      [this](std::uint32_t a, std::uint32_t b) { return area_[a] > area_[b]; });
     for (const std::uint32_t seed : order) {
-      if (region_of_[seed] != kNone) continue;
-      // The axis of a seed's surroundings first, then all that this axis sees.
+      if (region_of_[seed] != kNoRegion) continue;
+      // First the axis of a seed's surroundings, then all faces that fit it.
       Eigen::Vector3d mean = area_[seed] * normal_[seed];
       std::vector<std::uint32_t> near = {seed};
       constexpr std::size_t kSurroundings = 40;
       for (std::size_t next = 0; next < near.size() && near.size() < kSurroundings; ++next)
         for (const std::uint32_t n : neighbour_[near[next]])
-          if (n != kNone && region_of_[n] == kNone && seen(n, normal_[seed]) >= kGrown &&
+          if (n != kNoRegion && region_of_[n] == kNoRegion && seen(n, normal_[seed]) >= kGrown &&
               std::find(near.begin(), near.end(), n) == near.end()) {
             near.push_back(n);
             mean += area_[n] * normal_[n];
@@ -170,18 +170,18 @@ class Charts {
       for (const std::uint32_t f : small.faces)
         for (std::size_t k = 0; k < 3; ++k) {
           const std::uint32_t n = neighbour_[f][k];
-          if (n != kNone && region_of_[n] != number)
+          if (n != kNoRegion && region_of_[n] != number)
             border[region_of_[n]] += (corner(f, (k + 1) % 3) - corner(f, k)).norm();
         }
-      std::uint32_t best = kNone;
+      std::uint32_t best = kNoRegion;
       for (const auto& [other, length] : border) {
         const Eigen::Vector3d& axis = regions_[other].outwards;
         const double least = small.area <= kSliverTexels * texel_ * texel_ ? kSliver : kJoined;
         const bool fits = std::all_of(small.faces.begin(), small.faces.end(),
                                       [&](std::uint32_t f) { return seen(f, axis) >= least; });
-        if (fits && (best == kNone || length > border[best])) best = other;
+        if (fits && (best == kNoRegion || length > border[best])) best = other;
       }
-      if (best == kNone) continue;
+      if (best == kNoRegion) continue;
       for (const std::uint32_t f : small.faces) region_of_[f] = best;
       Region& large = regions_[best];
       large.faces.insert(large.faces.end(), small.faces.begin(), small.faces.end());
@@ -227,7 +227,7 @@ class Charts {
     rowsOf(sheet, face, [&](int row, int first, int last) { sheet.mask.set(row, first, last); });
   }
 
-  // Charts in which nothing hides anything. What does not fit into the first comes into another.
+  // Divides a chart into charts without hidden faces: faces that hide others go to a further chart.
   std::vector<ChartFaces> separate() {
     std::vector<Region*> above, others;
     for (Region& region : regions_)
@@ -279,7 +279,7 @@ class Charts {
     return charts;
   }
 
-  // Puts faces into the chart as they come; those that would hide others go to `hidden`.
+  // Adds faces to the chart in their order; those that would hide others go to `hidden`.
   void fill(Sheet& sheet, const std::vector<std::uint32_t>& faces, ChartFaces& chart,
             std::vector<std::uint32_t>& hidden) const {
     for (const std::uint32_t f : faces) {

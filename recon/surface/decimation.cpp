@@ -20,8 +20,8 @@ constexpr double kPointWeight = 1e-5;
 constexpr double kBorderWeight = 1.0;
 // A face may turn by this much in a collapse [cosine], about 70 degrees.
 constexpr double kTurn = 0.35;
-// Triangles of less quality (1: equilateral) than this are made only from worse ones; at shared edges,
-// which do not grow with the inner ones, thinner ones must do.
+// Triangles of less quality (1: equilateral) than this are made only from worse ones; at shared edges, which
+// do not grow with the inner ones, thinner ones must do.
 constexpr double kQuality = 0.12, kQualityAtBorder = 0.004;
 
 // Order of a collapse by its cost: in steps of a sixteenth of an octave. Within a step edges come as they are
@@ -85,7 +85,7 @@ void Decimation::addFaces(std::size_t vertices) {
   for (std::size_t v = 0; v < vertices; ++v) mesh_.add_vertex();
   for (const auto& t : parts_.triangles) {
     std::array<VertexHandle, 3> v;
-    bool fits = true;  // as OpenMesh will judge, which would say so on the terminal
+    bool fits = true;  // OpenMesh's own test, which prints to the terminal
     for (std::size_t k = 0; k < 3; ++k) v[k] = VertexHandle(static_cast<int>(t[k]));
     for (std::size_t k = 0; k < 3 && fits; ++k) {
       const HalfedgeHandle side = mesh_.find_halfedge(v[k], v[(k + 1) % 3]);
@@ -140,7 +140,7 @@ bool Decimation::closeHole(const std::vector<HalfedgeHandle>& outline, double la
   Eigen::Vector3d last = Eigen::Vector3d::Zero();
   for (std::size_t k = 1; k + 1 < edges; ++k) {
     const Eigen::Vector3d own = areaVector(at(corner(0)), at(corner(k)), at(corner(k + 1)));
-    // The outline of a loose scrap is a loop too: there the new face would look the other way.
+    // The outline of a loose scrap is a loop too, where the new face would point in the opposite direction.
     if (own.dot(normalBeside(k)) <= 0 || (k == 1 && own.dot(normalBeside(0)) <= 0) ||
         (k + 2 == edges && own.dot(normalBeside(edges - 1)) <= 0))
       return false;
@@ -254,7 +254,7 @@ bool Decimation::staysWell(VertexHandle vertex, VertexHandle other, const Eigen:
     const double area_before = before.norm(), area_after = after.norm();
     if (!(area_after > 0)) return false;
     if (after.dot(before) < kTurn * area_after * area_before) return false;
-    // Not against what it stands for either, however many small turns lead there.
+    // Nor against the original faces that it represents, even by many small turns.
     for (const VertexHandle v : {vertex, b, c})
       if (after.dot(facing_[index(v)]) < 0 && before.dot(facing_[index(v)]) >= 0) return false;
     const bool border = fixed(b) && fixed(c);
@@ -269,7 +269,7 @@ bool Decimation::allowed(const Collapse& collapse) {
   if (!mesh_.is_collapse_ok(collapse.halfedge)) return false;
   const VertexHandle from = mesh_.from_vertex_handle(collapse.halfedge);
   const VertexHandle to = mesh_.to_vertex_handle(collapse.halfedge);
-  // A new edge between two vertices of one side would lie in it, where the neighbour has none.
+  // A new edge between two vertices of one side would be in it, where the neighbour has none.
   if (sides_[index(to)] != 0)
     for (const VertexHandle ring : mesh_.vv_range(from))
       if (ring != to && (sides_[index(ring)] & sides_[index(to)]) != 0 &&
@@ -280,9 +280,9 @@ bool Decimation::allowed(const Collapse& collapse) {
 }
 
 void Decimation::blend(std::size_t from, std::size_t to, const Eigen::Vector3d& place) {
-  const Eigen::Vector3d way = position_[to] - position_[from];
-  const double length2 = way.squaredNorm();
-  const double s = length2 > 0 ? std::clamp(way.dot(place - position_[from]) / length2, 0.0, 1.0) : 1.0;
+  const Eigen::Vector3d edge = position_[to] - position_[from];
+  const double length2 = edge.squaredNorm();
+  const double s = length2 > 0 ? std::clamp(edge.dot(place - position_[from]) / length2, 0.0, 1.0) : 1.0;
   const auto t = static_cast<float>(s);
   if (!sigma_.empty()) sigma_[to] = (1 - t) * sigma_[from] + t * sigma_[to];
   if (!views_.empty()) views_[to] = (1 - t) * views_[from] + t * views_[to];
@@ -306,15 +306,15 @@ void Decimation::apply(const Collapse& collapse) {
 void Decimation::run(std::size_t target_triangles) {
   const std::size_t target = target_triangles - std::min(target_triangles, stranded_.size());
   collapseTo(target);
-  // Holes have shrunk with the triangles around them. One that is smaller than a triangle is finer than what
-  // this level shows, and the vertices around it are free once it is closed.
+  // Holes smaller than a triangle are finer than this level's detail; once they are closed, the vertices
+  // around them are free.
   constexpr std::size_t kMostEdges = 4;
   const auto mean = [&] { return area_ / static_cast<double>(std::max<std::size_t>(faces_, 1)); };
   while (closeHoles(kMostEdges, mean()) > 0) collapseTo(target);
 }
 
 void Decimation::collapseTo(std::size_t target) {
-  // What an edge would break may be repaired by collapses around it: try again while that helps.
+  // Collapses around an edge can make its own valid: repeat while that helps.
   for (std::uint64_t before = counts_.collapses + 1; faces_ > target && before != counts_.collapses;) {
     before = counts_.collapses;
     pushAll();
@@ -335,7 +335,7 @@ TileMesh Decimation::result() const {
   out.tile = tile_.tile;
   out.error = tile_.error;
   constexpr std::uint32_t kNone = 0xFFFFFFFF;
-  // Copies of a vertex that the surface was cut at have not moved, and are one again.
+  // Copies of a vertex at a cut have not moved and are joined.
   std::vector<std::uint32_t> number(tile_.mesh.vertices.size(), kNone);
   std::vector<std::uint8_t> kept_normal;
   const auto numberOf = [&](std::size_t v) {

@@ -12,8 +12,8 @@
 
 namespace fathom::surface {
 
-// Edge collapses on OpenMesh's connectivity, cheapest first. Unlike OpenMesh's own decimater, which tests
-// all edges around each changed vertex, an edge is tested for what it would break only when its turn comes.
+// Edge collapses on OpenMesh's connectivity, cheapest first. OpenMesh's own decimater tests all edges around
+// each changed vertex; here an edge is tested only when it is the cheapest.
 class Decimation {
  public:
   Decimation(const TileMesh& tile, SimplifyCounts& counts);
@@ -36,7 +36,7 @@ class Decimation {
   };
 
   void addFaces(std::size_t vertices);
-  // Closes holes of up to `most_edges` (3 or 4) and `largest` [m2]; how many.
+  // Closes holes of up to `most_edges` (3 or 4) and `largest` [m2]; returns their number.
   std::size_t closeHoles(std::size_t most_edges, double largest);
   bool closeHole(const std::vector<Mesh_::HalfedgeHandle>& outline, double largest);
   void collapseTo(std::size_t faces);
@@ -63,7 +63,7 @@ class Decimation {
   Eigen::Vector3d origin_;     // of the positions below: on the lattice
   Eigen::Array2d low_, high_;  // box of the vertices that are not shared
   std::vector<Eigen::Vector3d> position_;
-  std::vector<Eigen::Vector3d> facing_;  // sum of the area vectors of all that a vertex stands for
+  std::vector<Eigen::Vector3d> facing_;  // sum of the area vectors of all original faces of a vertex
   std::vector<Quadric> quadric_;
   std::vector<std::uint8_t> fixed_, sides_;
   std::vector<float> sigma_, views_;

@@ -7,8 +7,8 @@
 namespace fathom::surface {
 namespace {
 
-// What hides others is drawn larger by this all around [cells]: a pixel at its edge shows both, and poses
-// place it a few pixels off.
+// Margin by which occluders are enlarged [cells]: a pixel at their edge shows both surfaces, and poses shift
+// it by a few pixels.
 constexpr float kMargin = 1.0F;
 constexpr float kPatchEdge = 0.3F;  // [m]
 
@@ -138,8 +138,8 @@ float DepthBuffer::visibility(float u, float v, float depth, float tolerance) co
                                static_cast<std::size_t>(xi)];
   // Hidden where depth > 1 / nearest + tolerance.
   const float within = depth - tolerance;
-  const auto seen = [&](std::ptrdiff_t at) { return row[at] * within <= 1.0F ? 1.0F : 0.0F; };
-  const float s00 = seen(0), s01 = seen(1), s10 = seen(width_), s11 = seen(width_ + 1);
+  const auto visible = [&](std::ptrdiff_t at) { return row[at] * within <= 1.0F ? 1.0F : 0.0F; };
+  const float s00 = visible(0), s01 = visible(1), s10 = visible(width_), s11 = visible(width_ + 1);
   const float top = s00 + fx * (s01 - s00), bottom = s10 + fx * (s11 - s10);
   return std::clamp(2 * (top + fy * (bottom - top)) - 1, 0.0F, 1.0F);
 }

@@ -9,7 +9,7 @@
 namespace fathom::surface {
 
 // Surfaces that may hide others, in single precision relative to an origin near them, in patches that a view
-// can pass over as a whole.
+// can skip as a whole.
 struct Occluders {
   struct Patch {
     Eigen::Vector3f middle = Eigen::Vector3f::Zero();
@@ -24,16 +24,16 @@ struct Occluders {
   std::vector<std::array<std::uint32_t, 3>> triangles;  // of vertices counted from their patch's first
 };
 
-// What one view sees first, in cells of kCell x kCell pixels: the inverse depth of the nearest face within a
-// cell of a cell's centre, moved back by the face's slope over that distance, so that a slope does not hide
-// itself.
+// Depth buffer of one view in cells of kCell x kCell pixels: the inverse depth of the nearest face within
+// one cell of a cell's centre, reduced by the face's slope over that distance, so that a slope does not
+// hide itself.
 class DepthBuffer {
  public:
   static constexpr int kCell = 8;  // [px]
 
   void draw(const Occluders& occluders, const ViewProjection& view);
-  // How freely a point is seen: 1 where no surface lies more than `tolerance` [m] before it, falling to 0
-  // over half a cell outside the edge of what hides it, and 0 within a cell of that edge.
+  // Visibility of a point: 1 without a surface more than `tolerance` [m] before it, falling to 0 over half a
+  // cell outside the edge of an occluder, and 0 within a cell of that edge.
   [[nodiscard]] float visibility(float u, float v, float depth, float tolerance) const;
 
  private:

@@ -1,12 +1,12 @@
 #include "recon/surface/manifold_parts.hpp"
 
-#include "recon/geometry/triangle_edges.hpp"
-#include "recon/geometry/union_find.hpp"
+#include "realtime/base/numbers/union_find.hpp"
+#include "recon/geometry/triangles.hpp"
 
 namespace fathom::surface {
 namespace {
 
-constexpr std::uint32_t kNone = 0xFFFFFFFF;
+constexpr std::uint32_t kNoFan = 0xFFFFFFFF;
 
 }  // namespace
 
@@ -32,10 +32,10 @@ ManifoldParts manifoldParts(const std::vector<std::array<std::uint32_t, 3>>& tri
     }
   });
 
-  std::vector<std::uint32_t> fan_of(corners, kNone), fans_at(vertices, 0);
+  std::vector<std::uint32_t> fan_of(corners, kNoFan), fans_at(vertices, 0);
   for (std::uint32_t c = 0; c < corners; ++c) {
     const std::uint32_t root = fans.root(c);
-    if (fan_of[root] == kNone) {
+    if (fan_of[root] == kNoFan) {
       fan_of[root] = static_cast<std::uint32_t>(parts.original.size());
       parts.original.push_back(vertexAt(c));
       if (++fans_at[vertexAt(c)] == 2) ++parts.split_vertices;

@@ -7,11 +7,11 @@
 namespace fathom::surface {
 
 // A triangle soup cut into manifold parts: every edge has one face on either side or is a border, and the
-// faces around a vertex are one fan. Where that was not so, vertices are doubled and pinned: as long as
-// pinned vertices do not move, the parts fit as before.
+// faces around a vertex are one fan. Elsewhere vertices are doubled and pinned; the parts fit as long as
+// pinned vertices do not move.
 struct ManifoldParts {
-  std::vector<std::uint32_t> original;                  // a vertex of the parts: which one it was
-  std::vector<std::uint8_t> pinned;                     // it stands where the surface was cut
+  std::vector<std::uint32_t> original;                  // of a vertex of the parts
+  std::vector<std::uint8_t> pinned;                     // the vertex is at a cut of the surface
   std::vector<std::array<std::uint32_t, 3>> triangles;  // in the old order, without those of fewer corners
   std::uint64_t cut_edges = 0, split_vertices = 0, dropped_triangles = 0;
 };

@@ -8,8 +8,8 @@
 namespace fathom::surface {
 
 // The texel centres (integer + 1/2) that a triangle covers, row by row: visit(row, first, last) for columns
-// [first, last). Corners in texels, `id` tells them apart: two triangles on a side with the same ids and
-// positions never both cover a centre there, nor leave one out.
+// [first, last). Corners in texels with their `id`s: of two triangles at a side with the same ids and
+// positions exactly one covers each centre there.
 template <typename Visit>
 void forTriangleRows(const std::array<Eigen::Vector2d, 3>& corner, const std::array<std::uint32_t, 3>& id,
                      int first_row, int last_row, const Visit& visit) {
@@ -24,10 +24,10 @@ void forTriangleRows(const std::array<Eigen::Vector2d, 3>& corner, const std::ar
   std::array<Side, 3> sides;
   for (std::size_t k = 0; k < 3; ++k) {
     std::size_t a = k, b = (k + 1) % 3;
-    if (id[a] > id[b]) std::swap(a, b);  // the same numbers whichever triangle asks
-    const Eigen::Vector2d way = corner[b] - corner[a];
+    if (id[a] > id[b]) std::swap(a, b);  // the same numbers for both triangles of a side
+    const Eigen::Vector2d edge = corner[b] - corner[a];
     sides[k] = {std::min(corner[a].y(), corner[b].y()), std::max(corner[a].y(), corner[b].y()), corner[a].x(),
-                corner[a].y(), way.y() != 0 ? way.x() / way.y() : 0};
+                corner[a].y(), edge.y() != 0 ? edge.x() / edge.y() : 0};
   }
   for (int row = begin; row < end; ++row) {
     const double y = row + 0.5;

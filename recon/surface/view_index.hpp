@@ -8,19 +8,19 @@
 
 namespace fathom::surface {
 
-// One image that may have seen a surface.
+// One image that may show a surface.
 struct View {
   std::uint32_t image = 0;  // the caller's number of it
   SE3 T_nav_cam;
-  std::array<double, 4> footprint{};  // north, east low, then high, of what it saw [m]
-  std::uint32_t camera = 0;           // that took it, of the blender's
+  std::array<double, 4> footprint{};  // plan box of its ground: north, east low, then high [m]
+  std::uint32_t camera = 0;           // index of its camera in the blender
 };
 
 // Views by their footprints: a bounding-volume hierarchy, split at the median of the longer side.
 class ViewIndex {
  public:
   explicit ViewIndex(std::vector<View> views);
-  // Numbers (places in the constructor's list, ascending) of views whose footprints meet the box
+  // Indices in the constructor's list, ascending, of the views with footprints that meet the box
   // {north low, east low, north high, east high}. A footprint that is not finite meets nothing.
   [[nodiscard]] std::vector<std::uint32_t> meeting(const std::array<double, 4>& box) const;
   [[nodiscard]] const std::vector<View>& views() const { return views_; }

@@ -51,8 +51,8 @@ class ViewProjection {
     return {u, v, pz, true};
   }
   // From (a, b) of a point in water at this inverse depth, r2 = a2 + b2, to those of its light in the lens.
-  // Snell's law, by the offset of the light in glass and air that the last step gave: in the third step it is
-  // right to a thousandth of a pixel. False where the lens does not look.
+  // Snell's law, by iteration over the offset of the light in glass and air: the third step is accurate to a
+  // thousandth of a pixel. False outside the lens's view.
   bool throughPort(float inverse, float& a, float& b, float& r2) const {
     // (a, b) times the ratio of tangents in air and in water is the light's slope in air.
     float slope = 1, ratio = 1;  // of the light in water over (a, b); of the light in air over that

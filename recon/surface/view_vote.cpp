@@ -8,7 +8,7 @@
 namespace fathom::surface {
 namespace {
 
-constexpr std::size_t kVoters = 3;  // fewer cannot tell who is right
+constexpr std::size_t kVoters = 3;  // fewer have no majority
 constexpr float kLimit = 0.30F;     // of a logarithm: 35 %, beyond what lamps and their correction leave
 constexpr float kSpread = 3.0F;     // times the median difference of all views at the place
 constexpr float kFringe = 0.12F;    // of a logarithm: the low band's tail around a contradicted place
@@ -78,11 +78,11 @@ void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>
   for (std::size_t view = 0; view < views_; ++view) {
     kernels.projectNodes(views[view].projection, nodes, views[view].fade, at);
     for (std::size_t i = 0; i < nodes_; ++i) {
-      const bool seen = known[i] != 0 && at.freedom[i] > 0 &&
-                        views[view].depth.visibility(at.u[i], at.v[i], at.depth[i], tolerance) > 0 &&
-                        views[view].bands->openness(at.u[i], at.v[i], views[view].fade) > 0;
-      one[i] = seen ? 1.0F : 0.0F;
-      seen_[view * nodes_ + i] = seen;
+      const bool visible = known[i] != 0 && at.freedom[i] > 0 &&
+                           views[view].depth.visibility(at.u[i], at.v[i], at.depth[i], tolerance) > 0 &&
+                           views[view].bands->openness(at.u[i], at.v[i], views[view].fade) > 0;
+      one[i] = visible ? 1.0F : 0.0F;
+      seen_[view * nodes_ + i] = visible;
     }
     std::fill(band.begin(), band.end(), 0.0F);
     kernels.gatherBands(views[view].bands->fine, views[view].bands->coarse, at.u, at.v, one.data(),
@@ -120,23 +120,23 @@ void ViewVote::takeGains() {
 
 void ViewVote::judge() {
   std::vector<float> all;
-  std::vector<std::size_t> who;
+  std::vector<std::size_t> voters;
   for (std::size_t i = 0; i < nodes_; ++i) {
-    who.clear();
+    voters.clear();
     for (std::size_t view = 0; view < views_; ++view)
-      if (seen_[view * nodes_ + i] != 0) who.push_back(view * nodes_ + i);
-    if (who.size() < kVoters) continue;
+      if (seen_[view * nodes_ + i] != 0) voters.push_back(view * nodes_ + i);
+    if (voters.size() < kVoters) continue;
     for (std::size_t c = 0; c < 3; ++c) {
       all.clear();
-      for (const std::size_t at : who) all.push_back(colour_[3 * at + c]);
+      for (const std::size_t at : voters) all.push_back(colour_[3 * at + c]);
       const float median = medianOf(all);
-      for (const std::size_t at : who)
+      for (const std::size_t at : voters)
         difference_[at] = std::max(difference_[at], std::abs(colour_[3 * at + c] - median));
     }
     all.clear();
-    for (const std::size_t at : who) all.push_back(difference_[at]);
+    for (const std::size_t at : voters) all.push_back(difference_[at]);
     const float limit = std::max(kLimit, kSpread * medianOf(all));
-    for (const std::size_t at : who) {
+    for (const std::size_t at : voters) {
       if (difference_[at] <= limit) continue;
       out_[at] = 1;
       ++outvoted_;

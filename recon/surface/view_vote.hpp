@@ -1,28 +1,39 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
-#include "recon/surface/active_view.hpp"
+#include "recon/surface/band_image.hpp"
 #include "recon/surface/chart_lattice.hpp"
+#include "recon/surface/depth_buffer.hpp"
+#include "recon/surface/view_projection.hpp"
 
 namespace fathom::surface {
 
-// Which views show something at a place that is not on the surface: a fish, the vehicle's own shadow. At
-// every kStep-th node of the lattice that three or more views see, their low bands are compared. A view's
-// overall gain against the others, a channel at a time, is taken off first (medians over the tile, so that a
-// fish does not move it). A view is contradicted where its difference from the median view, as a logarithm,
-// is larger than kLimit and than kSpread times the median difference of all: where all views differ from each
-// other (parallax, a contrast that poses do not place alike) none is left out. Around a contradicted place
-// the view is left out as far as it differs by more than kFringe, and one node more, because the low band
-// spreads.
+// A view of the tile that is being textured.
+struct ActiveView {
+  std::uint32_t place = 0;  // in the index
+  ViewProjection projection;
+  DepthBuffer depth;
+  std::shared_ptr<const BandImage> bands;
+  float fade = 0;  // over which its weight rises from the image's border and hidden parts [px]
+};
+
+// Rejects views at places where they show something that is not on the surface: a fish, the vehicle's shadow.
+// At every kStep-th node of the lattice that three or more views see, their low bands are compared, after
+// each view's gain against the others is removed channel by channel (by medians over the tile, which a fish
+// does not shift). A view is an outlier where the logarithm of its ratio to the median view exceeds kLimit
+// and kSpread times the median difference of all; where all views differ (parallax, contrast at inaccurate
+// poses) none is rejected. Around an outlier the view is rejected as far as it differs by more than kFringe,
+// and one node more, as the low band spreads.
 class ViewVote {
  public:
   static constexpr int kStep = 2;  // nodes of the lattice
 
   ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& views, float tolerance);
 
-  // What remains of a view (1: all, 0: nothing) at a chart's lattice nodes [i0, i1) of row j.
+  // Weight of a view, 0 to 1, at a chart's lattice nodes [i0, i1) of row j.
   void factors(std::size_t view, std::size_t chart, int j, int i0, int i1, float* out) const;
   [[nodiscard]] bool any() const { return outvoted_ > 0; }
   [[nodiscard]] std::uint64_t outvoted() const { return outvoted_; }  // pairs of a view and a node

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/localise/free_poses.hpp"
 #include "recon/topside/work/saved_bytes.hpp"

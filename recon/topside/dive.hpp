@@ -42,7 +42,7 @@ struct Permission {
   [[nodiscard]] bool allows(Stage stage) const { return !only || *only == stage; }
 };
 
-// A dive on its way to a model: every stage's result is taken from the store, or made and put there.
+// A dive while it becomes a model: every stage's result is taken from the store, or made and put there.
 class Dive {
  public:
   Dive(MissionInput input, const TopsideConfig& config, StageStore& store, RunProgress& progress,

@@ -2,7 +2,7 @@
 #include <cmath>
 #include <set>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/dive.hpp"
 
 namespace fathom::topside {
@@ -12,7 +12,7 @@ namespace {
 // by.
 constexpr std::size_t kImageBytes = std::size_t{512} << 20;
 
-std::string itemOf(const TileRange& core) {
+std::string pieceItem(const TileRange& core) {
   return std::to_string(core.x0) + "_" + std::to_string(core.y0) + "_" + std::to_string(core.x1) + "_" +
          std::to_string(core.y1);
 }
@@ -47,7 +47,8 @@ std::vector<StageTask> Dive::pieceTasks() {
   piece_inputs_.cells = layerCells();
   std::vector<StageTask> tasks;
   for (const fusion::Piece& piece : model.pieces)
-    tasks.push_back({itemOf(piece.core), pieceKey(piece_inputs_, piece, lighting_content_, image_identities_),
+    tasks.push_back({pieceItem(piece.core),
+                     pieceKey(piece_inputs_, piece, lighting_content_, image_identities_),
                      [this, &piece](WorkFileWriter& file) { return makePiece(piece_inputs_, piece, file); }});
   return tasks;
 }
@@ -99,7 +100,7 @@ const std::vector<TilePlaces>& Dive::levels() {
 
 void Dive::dropOldItems() {
   std::set<std::string> items;
-  for (const fusion::Piece& piece : plan().pieces) items.insert(itemOf(piece.core));
+  for (const fusion::Piece& piece : plan().pieces) items.insert(pieceItem(piece.core));
   store_.keepOnly(nameOf(Stage::kPiece), items);
   for (std::size_t level = 1; level < levels().size(); ++level) {
     items.clear();

@@ -3,9 +3,9 @@
 #include <utility>
 #include <vector>
 
-#include "realtime/kernel/command_line.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/version.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/version.hpp"
 #include "recon/topside/commands/calibrate_colour_command.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
@@ -27,7 +27,7 @@ int main(int argc, char** argv) {
       "Each command has a --help of its own.");
   app.set_version_flag("--version", fathom::versionLine("fathom-topside"));
   app.require_subcommand(1);
-  std::vector<Command> commands = addRunCommands(app);
+  std::vector<RunCommand> commands = addRunCommands(app);
   const auto add = [&](std::function<int()> (*adder)(CLI::App&, CLI::App*&)) {
     CLI::App* command = nullptr;
     std::function<int()> run = adder(app, command);
@@ -45,7 +45,7 @@ int main(int argc, char** argv) {
   add(addCheckCalibrationCommand);
   if (const auto code = fathom::parseCommandLine("fathom-topside", app, argc, argv)) return *code;
   return fathom::runTool("fathom-topside", [&]() -> int {
-    for (const Command& command : commands)
+    for (const RunCommand& command : commands)
       if (*command.app) return command.run();
     return fathom::kExitBadInput;
   });

@@ -9,23 +9,23 @@
 #include <set>
 #include <string_view>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/output_folder.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/files/output_folder.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/progress.hpp"
+#include "recon/products/rasters/layer_set.hpp"
+#include "recon/products/tiles/tileset.hpp"
 #include "recon/topside/assemble/assemble.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"
-#include "recon/topside/rasters/layer_set.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/map_picture.hpp"
-#include "recon/topside/report/report.hpp"
+#include "recon/topside/report/run_record.hpp"
 #include "recon/topside/report/slam_json.hpp"
-#include "recon/topside/tiles/tileset.hpp"
 #include "recon/topside/work/repair.hpp"
-#include "recon/topside/work/stage_times.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 namespace {

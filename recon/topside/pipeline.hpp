@@ -27,7 +27,7 @@ struct Summary {
   std::vector<std::string> to_know;  // what is wrong with it or missing, the most important first
 };
 
-// The whole way from a recorded dive to `out`: localisation, stereo, fusion, tiles, layers, report. What the
+// Everything from a recorded dive to `out`: localisation, stereo, fusion, tiles, layers, report. What the
 // work folder holds already is not made again. Everything appears in `out` at once, at the end. Throws
 // InputError for a dive that cannot be used: a file absent or broken, or no pair that gives a mesh.
 Summary runTopside(const RunPlaces& places, const TopsideConfig& config);

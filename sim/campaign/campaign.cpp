@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
 #include "sim/campaign/perturbations.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/mission/mission_maker.hpp"
@@ -22,13 +22,13 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 constexpr std::size_t kUndisturbed = 2;
-constexpr double kLongest = 900;  // of one program over one dive [s]
+constexpr double kTimeLimit_s = 900;  // of one program over one dive
 
 double number(const Json& json, const char* key) {
   return json.contains(key) && json[key].is_number() ? json[key].get<double>() : NAN;
 }
 
-// Measured numbers of a result, by their keys; one that is not known is null.
+// Visits the measured numbers of a result by their JSON keys; NaN is null in the file.
 template <typename Dive, typename Visit>
 void eachNumber(Dive& d, const Visit& visit) {
   visit("onboard_surface_m", d.onboard_surface_m);
@@ -64,12 +64,12 @@ DiveResult resultOf(const Json& json) {
   return d;
 }
 
-// Runs a program to its end; its last line where it fails.
-std::optional<std::string> run(const std::vector<std::string>& argv, const std::filesystem::path& log) {
+// Runs a program to its end; the last line of its output when it fails, else none.
+std::optional<std::string> runLogged(const std::vector<std::string>& argv, const std::filesystem::path& log) {
   ChildProcess child({.argv = argv, .environment = {}, .output = log, .cable = {}});
-  const auto status = child.wait(kLongest);
+  const auto status = child.wait(kTimeLimit_s);
   if (status == 0) return std::nullopt;
-  if (!status) return argv[0] + ": did not end in " + formatted("%.0f s", kLongest);
+  if (!status) return argv[0] + ": did not end in " + formatted("%.0f s", kTimeLimit_s);
   std::ifstream text(log);
   std::string last;
   for (std::string line; std::getline(text, line);)
@@ -107,7 +107,7 @@ DiveResult dive(const CampaignOptions& options, std::size_t index) {
     const std::string onboard = (options.programs / "fathom-onboard").string(),
                       topside = (options.programs / "fathom-topside").string();
     const auto failed = [&](const std::vector<std::string>& argv, const char* log) {
-      const auto trouble = run(argv, folder / log);
+      const auto trouble = runLogged(argv, folder / log);
       if (trouble) d.trouble += (d.trouble.empty() ? "" : "; ") + *trouble;
       return trouble.has_value();
     };
@@ -130,7 +130,7 @@ DiveResult dive(const CampaignOptions& options, std::size_t index) {
   return d;
 }
 
-// Results so far, by dive; a last line that was cut is dived again.
+// Results in the file by dive number; an incomplete last line is ignored.
 std::map<std::size_t, DiveResult> resultsIn(const std::filesystem::path& file) {
   std::map<std::size_t, DiveResult> out;
   std::ifstream in(file);
@@ -158,7 +158,7 @@ DiveResult planOf(std::size_t dive) {
 Scenario diveScenario(const CampaignOptions& options, std::size_t dive) {
   const DiveResult plan = planOf(dive);
   Scenario scenario = loadScenario("campaign");
-  // Undisturbed dives and the first round are of one terrain; every round has its own.
+  // Undisturbed dives and the first round share one terrain; every further round has its own.
   const std::size_t round =
       dive < kUndisturbed ? 0 : (dive - kUndisturbed) / (perturbations().size() * Perturbation::kLevels);
   scenario.seed = static_cast<std::int64_t>(1000 * options.seed + dive);
@@ -176,7 +176,7 @@ Scenario diveScenario(const CampaignOptions& options, std::size_t dive) {
   return scenario;
 }
 
-std::vector<std::string> broken(const DiveResult& d, const DiveResult& undisturbed) {
+std::vector<std::string> failedRequirements(const DiveResult& d, const DiveResult& undisturbed) {
   constexpr double kCoverage = 0.9, kSurface = 0.033, kTrack = 3, kNees = 22.46, kLeastTrack = 0.03;
   std::vector<std::string> out;
   const auto judge = [&](bool bad, const char* what) {
@@ -190,7 +190,8 @@ std::vector<std::string> broken(const DiveResult& d, const DiveResult& undisturb
   judge(d.onboard_surface_m > 2 * kSurface, "surface on board");
   judge(!d.pictures && d.onboard_track_m > std::max(kLeastTrack, kTrack * undisturbed.onboard_track_m),
         "track on board");
-  judge(d.nees > kNees, "poses less sure than said");  // 99.9 % of chi-square with 6 degrees of freedom
+  judge(d.nees > kNees,
+        "poses worse than their covariance");  // 99.9 % of chi-square with 6 degrees of freedom
   judge(d.false_closures > 0, "false closure");
   return out;
 }

@@ -11,18 +11,19 @@
 
 namespace fathom::sim {
 
-// Many disturbed dives through the vehicle's program and the one topside: at which level what breaks.
+// A campaign replays many disturbed simulated dives through fathom-onboard and fathom-topside, to find the
+// perturbation level at which each requirement fails.
 struct CampaignOptions {
   std::filesystem::path out;
   std::filesystem::path programs;   // folder of fathom-onboard and fathom-topside
-  std::size_t dives = 144;          // a round has every perturbation at every level once
-  std::optional<std::size_t> only;  // this one alone, and its mission stays
+  std::size_t dives = 144;          // one round is every perturbation at every level
+  std::optional<std::size_t> only;  // this dive alone; its mission is kept
   std::uint64_t seed = 1;
   int jobs = 2;
   std::function<void(std::size_t done, std::size_t total)> progress;
 };
 
-// What came of one dive. Dives 0 and 1 are undisturbed, with pictures and with features.
+// Result of one dive. Dives 0 and 1 are undisturbed: 0 with pictures, 1 with features.
 struct DiveResult {
   std::size_t dive = 0;
   int perturbation = -1, level = 0;  // -1: undisturbed
@@ -32,8 +33,8 @@ struct DiveResult {
   double onboard_coverage = NAN, topside_coverage = NAN;
   double onboard_track_m = NAN, topside_track_m = NAN;  // aligned, rms
   double nees = NAN, inside = NAN;  // of topside's poses: mean of 6, and share below chi-square's 95 %
-  std::size_t false_closures = 0;   // that stay, topside
-  std::string trouble;              // of a program that failed, its last line
+  std::size_t false_closures = 0;   // kept in topside's solution
+  std::string trouble;              // last output line of each failed program
   double seconds = 0;
 };
 
@@ -41,11 +42,12 @@ struct DiveResult {
 [[nodiscard]] Scenario diveScenario(const CampaignOptions& options, std::size_t dive);
 [[nodiscard]] DiveResult planOf(std::size_t dive);
 
-// What is broken in a dive against the undisturbed one of its kind; empty: nothing.
-[[nodiscard]] std::vector<std::string> broken(const DiveResult& dive, const DiveResult& undisturbed);
+// Requirements that a dive fails, relative to the undisturbed dive of its kind; empty: none.
+[[nodiscard]] std::vector<std::string> failedRequirements(const DiveResult& dive,
+                                                          const DiveResult& undisturbed);
 
-// Dives what results.jsonl in `out` does not hold yet, adds each as it ends, and writes campaign.html. Throws
-// InputError for a folder that is no campaign's and for programs that are absent.
+// Runs the dives that results.jsonl in `out` does not hold yet, appends each result, and writes
+// campaign.html. Throws InputError for a folder with other content and for absent programs.
 std::vector<DiveResult> runCampaign(const CampaignOptions& options);
 
 void writeCampaignPage(const std::filesystem::path& file, const std::vector<DiveResult>& dives,

@@ -9,13 +9,13 @@
 
 namespace fathom::sim {
 
-// One thing that makes a dive hard, from what every sea has to what none should.
+// One disturbance of a dive, in levels from usual to extreme.
 struct Perturbation {
   static constexpr std::size_t kLevels = 4;
   const char* name;
   const char* unit;
   std::array<double, kLevels> levels;
-  bool pictures;  // false: it touches navigation alone, and is dived with features in place of pictures
+  bool pictures;  // false: it affects navigation alone; the dive has features in place of pictures
   void (*disturb)(Scenario& scenario, double level);
 };
 

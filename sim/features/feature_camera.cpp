@@ -6,35 +6,35 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <stdexcept>
 
-#include "sim/features/descriptor.hpp"
-#include "sim/features/feature_light.hpp"
 #include "sim/features/landmarks.hpp"
 #include "sim/scenario/random.hpp"
-#include "sim/sea/ground/random.hpp"
+#include "sim/sea/ground/noise.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
+#include "sim/sea/light/water_light.hpp"
 
 namespace fathom::sim {
 namespace {
 
 constexpr double kLargestSize = 4;       // of a feature, by the smallest
-constexpr double kMargin = 8;            // windows at the border find no match [px]
-constexpr double kNearest = 0.1;         // of a point before a camera [m]
+constexpr double kBorder_px = 8;         // windows at the border find no match [px]
+constexpr double kNearestPoint_m = 0.1;  // least depth before a camera
 constexpr float kFarthest = 100.0F;      // of a ray [m]
 constexpr float kStart = 100.0F;         // above the terrain, of a ray that falls [m]
 constexpr double kHidden = 0.01;         // a landmark this much behind what is seen is hidden [m]
 constexpr int kProbes = 7;               // a side, of the rays that find the area seen
 constexpr int kFieldCells = 8;           // across the image, of the smooth part of the place noise
 constexpr double kDescriptorTail = 0.6;  // of the logarithm of the descriptor's noise, standard deviation
-constexpr double kSlip = 5;  // of a landmark found beside its place, by the usual standard deviation
+constexpr double kDisplaced = 5;         // place error of a displaced detection, in usual standard deviations
 constexpr double kMaxDescriptorNoise = 1.9;
 constexpr int kShared = 6;                // errors that all features share
 constexpr float kNoiseStep = 1.0F / 128;  // of the descriptor's noise
 
-// Normal numbers that belong to a thing.
-class Normals {
+// Normal deviates that are a function of a seed and a key.
+class NormalDeviates {
  public:
-  Normals(std::uint64_t seed, std::uint64_t thing) : random_(seed, thing) {}
+  NormalDeviates(std::uint64_t seed, std::uint64_t key) : random_(seed, key) {}
   double operator()() {
     const double radius = std::sqrt(-2 * std::log(1 - random_.uniform()));
     return radius * std::cos(2 * std::numbers::pi * random_.uniform());
@@ -46,11 +46,11 @@ class Normals {
   double uniform() { return random_.uniform(); }
 
  private:
-  ThingRandom random_;
+  GroundRandom random_;
 };
 
-// Errors of unit variance that neighbours share: normal numbers on a lattice, mixed bilinearly with weights
-// whose squares sum to one.
+// A smooth random field of unit variance over the image: normal deviates on a lattice of `cell_px`,
+// interpolated bilinearly with weights normalised to a unit sum of squares.
 Eigen::Vector2d smoothField(std::uint64_t seed, const Eigen::Vector2d& pixel, double cell_px) {
   const double x = pixel.x() / cell_px + 1, y = pixel.y() / cell_px + 1;
   const double i = std::floor(x), j = std::floor(y), u = x - i, v = y - j;
@@ -59,31 +59,98 @@ Eigen::Vector2d smoothField(std::uint64_t seed, const Eigen::Vector2d& pixel, do
   for (int k = 0; k < 4; ++k) {
     const int di = k % 2, dj = k / 2;
     const double weight = (di == 1 ? u : 1 - u) * (dj == 1 ? v : 1 - v);
-    Normals normals(seed, static_cast<std::uint64_t>((j + dj) * 4096 + i + di));
+    NormalDeviates normals(seed, static_cast<std::uint64_t>((j + dj) * 4096 + i + di));
     sum += weight * normals.both();
     squares += weight * weight;
   }
   return sum / std::sqrt(squares);
 }
 
-struct Area {
-  std::vector<Eigen::Vector2d> seen;                // places on the ground [m]
+// The seafloor inside the left camera's view, sampled by probe rays.
+struct VisibleArea {
+  std::vector<Eigen::Vector2d> hits;                // of the probe rays, north and east [m]
   double nearest = 0, farthest = 0;                 // their z in the left camera [m]
   Eigen::Vector3d plane = Eigen::Vector3d::Zero();  // depth = plane . (north, east, 1), by least squares
 };
 
-struct Seen {
+struct FoundFeature {
   StereoFeature feature;
   Eigen::Vector3d point;  // nav [m]
-  std::uint64_t key, look;
+  std::uint64_t key, appearance;
   float noise;      // of the descriptor, by its own spread
   double strength;  // probability that it is found
 };
 
+// Ratio of texture contrast to pixel noise in the left camera: the strobes' light as Renderer computes it,
+// but without shadows and backscatter, against shot and read noise.
+class FeatureLight {
+ public:
+  // `contrast`: standard deviation of the texture by the albedo. Throws std::invalid_argument when no strobe
+  // lights the point that the exposure is set by.
+  FeatureLight(const OpticsConfig& optics, const SE3& T_body_cam, double contrast);
+
+  // Standard deviation of the texture over that of a pixel's noise. `point` and unit `normal` in body.
+  [[nodiscard]] double contrastOverNoise(const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+                                         double albedo) const;
+
+ private:
+  [[nodiscard]] double radiance(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const;
+
+  OpticsConfig optics_;
+  SE3 T_body_cam_;
+  double contrast_;
+  WaterAttenuation attenuation_;
+  std::vector<Beam> beams_;
+  double electrons_ = 0;  // of a white surface per unit of radiance
+};
+
+FeatureLight::FeatureLight(const OpticsConfig& optics, const SE3& T_body_cam, double contrast)
+    : optics_(optics),
+      T_body_cam_(T_body_cam),
+      contrast_(contrast),
+      attenuation_(optics.water),
+      beams_(optics.strobes.begin(), optics.strobes.end()) {
+  const Eigen::Vector3d axis = T_body_cam.rotation() * Eigen::Vector3d::UnitZ();
+  const double reference =
+      radiance(T_body_cam.translation() + optics.sensor.exposure_distance_m * axis, -axis);
+  if (!(reference > 0))
+    throw std::invalid_argument(
+        "optics: no strobe lights the point at sensor.exposure_distance_m under the camera");
+  electrons_ = optics.sensor.exposure * optics.sensor.full_well_electrons / reference;
+}
+
+double FeatureLight::radiance(const Eigen::Vector3d& point, const Eigen::Vector3d& normal) const {
+  const Channels& q = optics_.sensor.quantum_efficiency;
+  const double range = (point - T_body_cam_.translation()).norm();
+  double sum = 0;
+  for (std::size_t s = 0; s < beams_.size(); ++s) {
+    const StrobeConfig& strobe = optics_.strobes[s];
+    const Eigen::Vector3d from = point - strobe.position_body;
+    const double d = from.norm();
+    const double cosine = std::max(0.0, -from.dot(normal) / d);
+    const auto off_axis = static_cast<float>(from.dot(strobe.direction_body.normalized()) / d);
+    const Radiance left = attenuation_(static_cast<float>(d + range));
+    double mono = 0;
+    for (std::size_t c = 0; c < 3; ++c) mono += q[c] * static_cast<double>(left[c]);
+    sum += static_cast<double>(beams_[s](off_axis)) * cosine / (d * d) * mono / (q[0] + q[1] + q[2]);
+  }
+  return sum;
+}
+
+double FeatureLight::contrastOverNoise(const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+                                       double albedo) const {
+  const Eigen::Vector3d sight = (T_body_cam_.inverse() * point).normalized();
+  const double vignetting = std::pow(std::max(sight.z(), 0.0), optics_.sensor.vignetting_power);
+  const double electrons = std::min(electrons_ * albedo * vignetting * radiance(point, normal),
+                                    optics_.sensor.full_well_electrons);
+  const double read = optics_.sensor.read_noise_electrons;
+  return contrast_ * electrons / std::sqrt(electrons + read * read);
+}
+
 }  // namespace
 
 struct FeatureCamera::Impl {
-  Impl(const Terrain& t, const FeatureConfig& c, const OpticsConfig& optics, const StereoRig& r,
+  Impl(const SeaTerrain& t, const SimulatedFeatureConfig& c, const OpticsConfig& optics, const StereoRig& r,
        const SE3& body_cam, std::uint64_t seed)
       : terrain(t),
         config(c),
@@ -100,16 +167,17 @@ struct FeatureCamera::Impl {
     for (const Eigen::Vector3d& ray : probes) widest = std::max(widest, ray.head<2>().norm());
   }
 
-  [[nodiscard]] std::optional<Area> areaSeen(const SE3& T_nav_cam) const;
-  [[nodiscard]] bool mayShow(const Area& area, const SE3& T_cam_nav, const Eigen::Vector2d& place) const;
-  void look(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam, const SE3& T_cam_nav,
-            std::uint64_t view_seed, std::vector<Seen>& out) const;
+  [[nodiscard]] std::optional<VisibleArea> visibleArea(const SE3& T_nav_cam) const;
+  [[nodiscard]] bool mayBeVisible(const VisibleArea& area, const SE3& T_cam_nav,
+                                  const Eigen::Vector2d& place) const;
+  void observeLandmark(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam,
+                       const SE3& T_cam_nav, std::uint64_t view_seed, std::vector<FoundFeature>& out) const;
   // Null for a pixel beyond the image or behind the camera; distorted.
   [[nodiscard]] std::optional<Eigen::Vector2d> pixelOf(const Camera& camera,
                                                        const Eigen::Vector3d& point) const;
 
-  const Terrain& terrain;
-  FeatureConfig config;
+  const SeaTerrain& terrain;
+  SimulatedFeatureConfig config;
   StereoRig rig;
   SE3 T_body_cam;
   FeatureLight light;
@@ -123,14 +191,15 @@ struct FeatureCamera::Impl {
 std::optional<Eigen::Vector2d> FeatureCamera::Impl::pixelOf(const Camera& camera,
                                                             const Eigen::Vector3d& point) const {
   constexpr double kBeyond = 1.2;  // of the widest angle: farther out the lens model may fold back
-  if (point.z() < kNearest || point.head<2>().norm() > kBeyond * widest * point.z()) return std::nullopt;
+  if (point.z() < kNearestPoint_m || point.head<2>().norm() > kBeyond * widest * point.z())
+    return std::nullopt;
   const Eigen::Vector2d pixel = camera.project(point);
-  if (!camera.contains(pixel, kMargin)) return std::nullopt;
+  if (!camera.contains(pixel, kBorder_px)) return std::nullopt;
   return pixel;
 }
 
-std::optional<Area> FeatureCamera::Impl::areaSeen(const SE3& T_nav_cam) const {
-  Area area;
+std::optional<VisibleArea> FeatureCamera::Impl::visibleArea(const SE3& T_nav_cam) const {
+  VisibleArea area;
   area.nearest = std::numeric_limits<double>::infinity();
   Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
@@ -140,7 +209,7 @@ std::optional<Area> FeatureCamera::Impl::areaSeen(const SE3& T_nav_cam) const {
     if (!distance || *distance > static_cast<double>(kFarthest)) continue;
     const Eigen::Vector3d hit = T_nav_cam.translation() + *distance * direction;
     const double z = *distance / ray.norm();
-    area.seen.emplace_back(hit.head<2>());
+    area.hits.emplace_back(hit.head<2>());
     area.nearest = std::min(area.nearest, z);
     area.farthest = std::max(area.farthest, z);
     const Eigen::Vector3d place(hit.x() - T_nav_cam.translation().x(), hit.y() - T_nav_cam.translation().y(),
@@ -148,29 +217,30 @@ std::optional<Area> FeatureCamera::Impl::areaSeen(const SE3& T_nav_cam) const {
     h += place * place.transpose();
     b += hit.z() * place;
   }
-  if (area.seen.size() < 4) return std::nullopt;
+  if (area.hits.size() < 4) return std::nullopt;
   area.plane = h.ldlt().solve(b);
   area.plane.z() -= area.plane.head<2>().dot(T_nav_cam.translation().head<2>());
   return area;
 }
 
-// By the plane about what is seen; the relief moves places in the image, and no more than this.
-bool FeatureCamera::Impl::mayShow(const Area& area, const SE3& T_cam_nav,
-                                  const Eigen::Vector2d& place) const {
+// Tests a place by the plane fitted to the visible area; relief moves its pixel by less than kRelief.
+bool FeatureCamera::Impl::mayBeVisible(const VisibleArea& area, const SE3& T_cam_nav,
+                                       const Eigen::Vector2d& place) const {
   constexpr double kRelief = 0.25;  // of the image's width
   const Eigen::Vector3d point =
       T_cam_nav * Eigen::Vector3d(place.x(), place.y(), area.plane.dot(place.homogeneous()));
-  if (point.z() < kNearest || point.head<2>().norm() > 2 * widest * point.z()) return false;
+  if (point.z() < kNearestPoint_m || point.head<2>().norm() > 2 * widest * point.z()) return false;
   const Eigen::Vector2d n = point.head<2>() / point.z();
   const Eigen::Vector2d pixel(rig.left.fx * n.x() + rig.left.cx, rig.left.fy * n.y() + rig.left.cy);
   return rig.left.contains(pixel, -kRelief * rig.left.width);
 }
 
-void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, const SE3& T_nav_cam,
-                               const SE3& T_cam_nav, std::uint64_t view_seed, std::vector<Seen>& out) const {
-  Normals random(hash64(view_seed, 1), landmark.key);
-  const double luck = random.uniform();
-  if (luck >= landmark.detection) return;
+void FeatureCamera::Impl::observeLandmark(const Landmark& landmark, const SE3& T_nav_body,
+                                          const SE3& T_nav_cam, const SE3& T_cam_nav, std::uint64_t view_seed,
+                                          std::vector<FoundFeature>& out) const {
+  NormalDeviates random(hash64(view_seed, 1), landmark.key);
+  const double draw = random.uniform();
+  if (draw >= landmark.detection) return;
   const SurfaceScene& scene = terrain.surface();
   const Eigen::Vector3d& origin = scene.origin();
   const auto local = [&](const Eigen::Vector3d& nav) {
@@ -210,15 +280,15 @@ void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, 
   const double contrast = light.contrastOverNoise(T_body_nav * point, T_body_nav.rotation() * normal, albedo);
   const double visible =
       contrast * contrast / (contrast * contrast + config.half_contrast * config.half_contrast);
-  if (luck >= landmark.detection * visible) return;
+  if (draw >= landmark.detection * visible) return;
   const double wider = 1 / std::sqrt(visible);
 
-  // What moves both pixels alike, in tangents; closure::SharedErrors gives the equations.
+  // Errors common to both pixels, as tangents (equations: closure::SharedErrors).
   const Eigen::Vector2d n = in_left.head<2>() / in_left.z();
   const double place_sigma = config.place_sigma * rig.left.width + config.place_sigma_per_size * size_px;
   const double cell_px = static_cast<double>(rig.left.width) / kFieldCells;
-  const double slip = random.uniform() < config.slip_probability ? kSlip : 1.0;
-  const Eigen::Vector2d own = slip * random.both();
+  const double spread = random.uniform() < config.displaced_probability ? kDisplaced : 1.0;
+  const Eigen::Vector2d own = spread * random.both();
   const Eigen::Vector2d place =
       place_sigma * wider *
       (std::sqrt(1 - config.place_shared_variance) * own +
@@ -249,8 +319,9 @@ void FeatureCamera::Impl::look(const Landmark& landmark, const SE3& T_nav_body, 
                  landmark.detection * visible});
 }
 
-FeatureCamera::FeatureCamera(const Terrain& terrain, const FeatureConfig& config, const OpticsConfig& optics,
-                             const StereoRig& rig, const SE3& T_body_cam, std::uint64_t seed)
+FeatureCamera::FeatureCamera(const SeaTerrain& terrain, const SimulatedFeatureConfig& config,
+                             const OpticsConfig& optics, const StereoRig& rig, const SE3& T_body_cam,
+                             std::uint64_t seed)
     : impl_(std::make_unique<Impl>(terrain, config, optics, rig, T_body_cam, seed)) {}
 
 FeatureCamera::~FeatureCamera() = default;
@@ -261,26 +332,26 @@ FeatureCamera::Observation FeatureCamera::observe(const SE3& T_nav_body, std::ui
   seen.frame.width = m.rig.left.width;
   seen.frame.height = m.rig.left.height;
   const SE3 T_nav_cam = T_nav_body * m.T_body_cam, T_cam_nav = T_nav_cam.inverse();
-  const auto area = m.areaSeen(T_nav_cam);
+  const auto area = m.visibleArea(T_nav_cam);
   if (!area) return seen;
-  std::vector<Seen> found;
+  std::vector<FoundFeature> found;
   constexpr double kRelief = 1.3;  // depths between the probes differ by less than this factor
-  m.landmarks.visit(area->seen, m.smallest_px * area->nearest / m.rig.left.fx / kRelief,
+  m.landmarks.visit(area->hits, m.smallest_px * area->nearest / m.rig.left.fx / kRelief,
                     kLargestSize * m.smallest_px * area->farthest / m.rig.left.fx * kRelief,
                     [&](const Landmark& landmark) {
-                      if (m.mayShow(*area, T_cam_nav, landmark.north_east))
-                        m.look(landmark, T_nav_body, T_nav_cam, T_cam_nav, view_seed, found);
+                      if (m.mayBeVisible(*area, T_cam_nav, landmark.north_east))
+                        m.observeLandmark(landmark, T_nav_body, T_nav_cam, T_cam_nav, view_seed, found);
                     });
-  std::sort(found.begin(), found.end(), [](const Seen& a, const Seen& b) {
+  std::sort(found.begin(), found.end(), [](const FoundFeature& a, const FoundFeature& b) {
     return a.strength != b.strength ? a.strength > b.strength : a.key < b.key;
   });
   const std::uint64_t descriptor_seed = hash64(view_seed, 3);
-  for (Seen& s : found) {
-    s.feature.descriptor = descriptorOf(s.look, descriptor_seed, seen.keys.size(), s.noise);
+  for (FoundFeature& s : found) {
+    s.feature.descriptor = simulatedDescriptor(s.appearance, descriptor_seed, seen.keys.size(), s.noise);
     seen.frame.features.push_back(s.feature);
     seen.points.push_back(s.point);
     seen.keys.push_back(s.key);
-    seen.looks.push_back(s.look);
+    seen.appearances.push_back(s.appearance);
   }
   return seen;
 }

@@ -4,13 +4,13 @@
 #include <cmath>
 #include <optional>
 
-#include "realtime/kernel/config_table.hpp"
+#include "realtime/base/config_table.hpp"
 
 namespace fathom::sim {
 namespace {
 
 constexpr double kLongestMission = 1e6;  // [s]
-// What a fault acts on: two at one time on one of these would mix their counts.
+// Devices that faults act on: two faults at one time on one device would mix their counts.
 enum Device : unsigned {
   kLeft = 1,
   kRight = 2,
@@ -51,7 +51,7 @@ unsigned devicesOf(const Fault& f) {
   return devices == kCameras ? (f.left ? kLeft : 0U) | (f.right ? kRight : 0U) : devices;
 }
 
-// The keys of each kind beside at_s and for_s; a key that is not asked for is refused by finish().
+// Reads the keys of each kind beside at_s and for_s; finish() refuses keys of other kinds.
 void readOwnKeys(const ConfigTable& t, Fault& f) {
   const auto camera = [&] {
     const std::string which = t.choice("camera", "left", {"left", "right", "both"});
@@ -93,20 +93,14 @@ void readOwnKeys(const ConfigTable& t, Fault& f) {
       break;
     case FaultKind::kClockStep:
       f.step_s = t.number("step_s", f.step_s, -1e6, 1e6);
-      if (std::abs(f.step_s) < 1e-3) t.fail("step_s", "is no step; give 1 ms or more, either way");
+      if (std::abs(f.step_s) < 1e-3) t.fail("step_s", "is no step; give 1 ms or more, forward or back");
       break;
-    case FaultKind::kCanBusOff:
-    case FaultKind::kDvlSilence:
-    case FaultKind::kModemSilence:
-    case FaultKind::kMapperKilled:
-    case FaultKind::kMapperStopped:
-    case FaultKind::kVehicleKilled:
-    case FaultKind::kVehicleStopped:
+    default:
       break;
   }
 }
 
-// Their time is a moment.
+// Faults without a duration.
 bool isInstant(FaultKind kind) {
   return kind == FaultKind::kIdWrap || kind == FaultKind::kMapperKilled || kind == FaultKind::kVehicleKilled;
 }
@@ -133,8 +127,8 @@ Fault readFault(const ConfigTable& t) {
   return f;
 }
 
-// Half-open times; one of no duration lies inside another, or at its begin.
-bool atTheSameTime(const Fault& a, const Fault& b) {
+// Whether the half-open intervals overlap; a fault without duration overlaps one that contains its time.
+bool overlap(const Fault& a, const Fault& b) {
   if (a.at_s == b.at_s) return true;
   const Fault& first = a.at_s < b.at_s ? a : b;
   return std::max(a.at_s, b.at_s) < first.at_s + first.for_s;
@@ -145,9 +139,10 @@ FaultScript readScript(const ConfigTable& file) {
   for (const ConfigTable& t : file.tables("fault")) {
     const Fault fault = readFault(t);
     for (const Fault& other : script.faults) {
-      if ((devicesOf(other) & devicesOf(fault)) != 0 && atTheSameTime(other, fault))
-        t.fail("at_s", "meets the " + std::string(nameOf(other.kind)) +
-                           " on the same device; keep them apart, so that their counts can be told apart");
+      if ((devicesOf(other) & devicesOf(fault)) != 0 && overlap(other, fault))
+        t.fail("at_s",
+               "overlaps the " + std::string(nameOf(other.kind)) +
+                   " on the same device; separate their times, so that their counts are distinguishable");
     }
     script.faults.push_back(fault);
   }
@@ -157,7 +152,7 @@ FaultScript readScript(const ConfigTable& file) {
   return script;
 }
 
-// Of the moments in the fault's time, those that it hits.
+// Number of the times within the fault that it hits.
 std::uint64_t countHit(const Fault& f, const std::vector<double>& times) {
   const auto in_time = std::count_if(times.begin(), times.end(), [&](double t) { return f.covers(t); });
   return static_cast<std::uint64_t>((in_time + f.every - 1) / f.every);
@@ -207,14 +202,7 @@ std::array<std::uint64_t, kFaultKinds> FaultScript::expectedCounts(const PlayedT
         if (f.at_s <= end_s) ++count;
         if (f.for_s > 0 && f.at_s + f.for_s <= end_s) ++count;
         break;
-      case FaultKind::kCanBusOff:
-      case FaultKind::kModemSilence:
-      case FaultKind::kDiskFull:
-      case FaultKind::kCpuHog:
-      case FaultKind::kMapperKilled:
-      case FaultKind::kMapperStopped:
-      case FaultKind::kVehicleKilled:
-      case FaultKind::kVehicleStopped:
+      default:
         if (f.at_s <= end_s) ++count;
         break;
     }

@@ -1,9 +1,64 @@
 #include "sim/hil/fault_table.hpp"
 
 #include <algorithm>
+#include <charconv>
+#include <fstream>
 #include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
+namespace {
+
+std::vector<std::string_view> split(std::string_view line) {
+  std::vector<std::string_view> fields;
+  while (true) {
+    const std::size_t comma = line.find(',');
+    fields.push_back(line.substr(0, comma));
+    if (comma == std::string_view::npos) return fields;
+    line.remove_prefix(comma + 1);
+  }
+}
+
+template <class Number>
+bool parse(std::string_view text, Number& out) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+}  // namespace
+
+std::vector<CameraLogRow> readCameraLog(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  std::string line;
+  if (!file || !std::getline(file, line))
+    throw InputError(path.string(), "", "is no log of a simulated camera");
+  const std::string header = line;
+  const std::vector<std::string_view> names = split(header);
+  const auto column = [&](std::string_view name) {
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end())
+      throw InputError(path.string(), "line 1",
+                       "has no column " + std::string(name) + "; give a camera's --log");
+    return static_cast<std::size_t>(found - names.begin());
+  };
+  const std::size_t mission = column("mission_s"), image = column("file"), id = column("frame_id"),
+                    exposed = column("exposed_utc_ns"), fate = column("fate"), lost = column("packets_lost");
+  std::vector<CameraLogRow> rows;
+  while (std::getline(file, line)) {
+    const std::vector<std::string_view> fields = split(line);
+    if (fields.size() != names.size()) continue;
+    CameraLogRow row;
+    row.file = fields[image];
+    row.fate = fields[fate];
+    if (parse(fields[mission], row.mission_s) && parse(fields[id], row.frame_id) &&
+        parse(fields[exposed], row.exposed_utc_ns) && parse(fields[lost], row.packets_lost))
+      rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
 namespace {
 
 std::uint64_t countFate(const std::vector<CameraLogRow>& log, const char* fate) {
@@ -22,7 +77,7 @@ std::uint64_t FaultTable::counter(const nlohmann::json& json, std::initializer_l
   return at->is_number() ? static_cast<std::uint64_t>(at->get<double>()) : 0;
 }
 
-bool FaultTable::cameWhole(CameraSide side, const CameraLogRow& row) const {
+bool FaultTable::arrivedComplete(CameraSide side, const CameraLogRow& row) const {
   if (row.fate != "sent") return false;
   if (row.packets_lost == 0) return true;
   const Fault* fault = script_.camera(FaultKind::kLostPackets, side, row.mission_s);
@@ -53,21 +108,21 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
     return counter(run, {"injected", std::string(nameOf(kind)).c_str()});
   };
 
-  std::uint64_t incomplete = 0, sent_again = 0, skewed = 0;
+  std::uint64_t incomplete = 0, resent = 0, skewed = 0;
   for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
     for (const CameraLogRow& row : side == CameraSide::kLeft ? left : right) {
       if (row.fate != "sent") continue;
-      if (!cameWhole(side, row))
+      if (!arrivedComplete(side, row))
         ++incomplete;
       else if (row.packets_lost > 0)
-        ++sent_again;
+        ++resent;
       if (script_.camera(FaultKind::kSkew, side, row.mission_s) != nullptr) ++skewed;
     }
-  const std::uint64_t came_incomplete = both("incomplete") + both("timed_out");
-  if (sent_again == 0 || incomplete + came_incomplete > 0)
-    add(FaultKind::kLostPackets, incomplete, came_incomplete, "cameras: incomplete + timed_out", true);
-  if (sent_again > 0)
-    add(FaultKind::kLostPackets, sent_again, both("resent_packets"), "cameras: resent_packets", false);
+  const std::uint64_t arrived_incomplete = both("incomplete") + both("timed_out");
+  if (resent == 0 || incomplete + arrived_incomplete > 0)
+    add(FaultKind::kLostPackets, incomplete, arrived_incomplete, "cameras: incomplete + timed_out", true);
+  if (resent > 0)
+    add(FaultKind::kLostPackets, resent, both("resent_packets"), "cameras: resent_packets", false);
   const std::uint64_t lost = countFate(left, "lost") + countFate(right, "lost");
   add(FaultKind::kLostFrames, lost, both("missed"), "cameras: missed", true);
   add(FaultKind::kSkew, skewed,
@@ -92,7 +147,7 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
   add(FaultKind::kClockStep, done(FaultKind::kClockStep), counter(live, {"clock_steps"}), "clock_steps",
       true);
   const std::uint64_t starts = counter(live, {"mapper_starts"});
-  // Counters begin anew with the program.
+  // A restarted program resets its counters.
   add(FaultKind::kMapperKilled, done(FaultKind::kMapperKilled), starts > 0 ? starts - 1 : 0,
       done(FaultKind::kVehicleKilled) > 0 ? "" : "mapper_starts", false);
   add(FaultKind::kMapperStopped, done(FaultKind::kMapperStopped), 0, "", true);

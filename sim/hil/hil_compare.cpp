@@ -12,10 +12,11 @@
 #include <set>
 #include <stdexcept>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/hil/fault_table.hpp"
 #include "sim/hil/hil_folder.hpp"
@@ -24,18 +25,18 @@ namespace fathom::sim {
 namespace {
 
 constexpr double kPoseTolerance_m = 0.003;  // of a camera position, without the motion of the whole
-constexpr double kPairTolerance_s = 0.025;  // nav.max_pair_skew_s and what the clocks' mapping is off
+constexpr double kPairTolerance_s = 0.025;  // nav.max_pair_skew_s, and the error of the clock mapping
 constexpr double kSamePose_s = 0.1;         // between a live pair and the direct replay's
 constexpr std::int64_t kSameExposureNs = 50'000'000;
 constexpr double kReplay_s = 7200;  // longest that a replay may take
-// What holds measured times, and so differs between a run and its replay.
+// Files with measured times, which differ between a run and its replay.
 const std::set<std::string> kMeasured = {"timing.json", "live.json"};
 
 nlohmann::json readJson(const std::filesystem::path& path) {
   std::ifstream file(path);
   const nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
   if (!file || json.is_discarded())
-    throw InputError(path.string(), "", "cannot be read; give the folder of a whole bench run");
+    throw InputError(path.string(), "", "cannot be read; give the folder of a complete bench run");
   return json;
 }
 
@@ -51,19 +52,19 @@ bool sameBytes(const std::filesystem::path& a, const std::filesystem::path& b) {
   return left.eof() && right.eof();
 }
 
-// fathom-onboard --replay, unless its output is there already. False when there was nothing to map.
-[[nodiscard]] bool replay(const HilComparison& what, const std::filesystem::path& mission,
+// Runs fathom-onboard --replay unless its output exists. False for a mission without anything to map.
+[[nodiscard]] bool replay(const HilComparison& comparison, const std::filesystem::path& mission,
                           const std::filesystem::path& out, const char* name) {
   if (std::filesystem::exists(out / "report.json")) return true;
   std::fprintf(stderr, "replaying %s\n", mission.c_str());
   ChildProcess::Options child;
-  child.argv = {what.onboard,
+  child.argv = {comparison.onboard,
                 "--replay",
                 mission.string(),
                 "--out",
                 out.string(),
                 "--config",
-                HilFolder(what.run).config().string()};
+                HilFolder(comparison.run).config().string()};
   child.output = out.string() + ".log";
   ChildProcess program(child);
   const auto status = program.wait(kReplay_s);
@@ -74,14 +75,14 @@ bool sameBytes(const std::filesystem::path& a, const std::filesystem::path& b) {
   return true;
 }
 
-// When the vehicle process was dead or stopped: from the last second before, which a kill may take, until its
-// cameras can have found their way back (a camera gives up a dead program's heartbeat after 3 s).
-struct Away {
+// Times without a vehicle process: from a second before a kill, whose recording may be lost, until its
+// cameras are reconnected (a camera waits 3 s for a dead program's heartbeat).
+struct Outage {
   std::int64_t from_ns, until_ns;
 };
-std::vector<Away> awayTimes(const nlohmann::json& run) {
-  constexpr std::int64_t kBefore_ns = 1'000'000'000, kCameras_ns = 5'000'000'000;
-  std::vector<Away> all;
+std::vector<Outage> outagesOf(const nlohmann::json& run) {
+  constexpr std::int64_t kBefore_ns = kSecond_ns, kCameras_ns = 5'000'000'000;
+  std::vector<Outage> all;
   if (run.contains("away"))
     for (const auto& a : run["away"])
       all.push_back({a["from_utc_ns"].get<std::int64_t>() - kBefore_ns,
@@ -90,27 +91,28 @@ std::vector<Away> awayTimes(const nlohmann::json& run) {
 }
 
 struct Recorded {
-  std::size_t sent_whole = 0;    // exposures of which every packet came, at once or again
-  std::size_t while_away = 0;    // of these, not recorded, for want of a program
-  std::size_t recorded = 0;      // files in img/
-  std::size_t unknown = 0;       // files that no camera exposed
-  std::size_t other_pixels = 0;  // whose pixels are not the mission's
+  std::size_t sent_whole = 0;     // exposures with every packet received, at once or resent
+  std::size_t during_outage = 0;  // of these, not recorded during outages
+  std::size_t recorded = 0;       // files in img/
+  std::size_t unknown = 0;        // files without an exposure
+  std::size_t other_pixels = 0;   // files with other pixels than the mission's
 };
 
-// Recorded files against what one camera sent and what the mission shows.
-Recorded checkRecording(const HilComparison& what, CameraSide side, const std::vector<CameraLogRow>& log,
-                        const FaultTable& table, const std::vector<Away>& away) {
+// Compares recorded files with what one camera sent and with the mission's images.
+Recorded checkRecording(const HilComparison& comparison, CameraSide side,
+                        const std::vector<CameraLogRow>& log, const FaultTable& table,
+                        const std::vector<Outage>& outages) {
   Recorded r;
   std::set<std::int64_t> missing;
   for (const CameraLogRow& row : log) {
-    if (!table.cameWhole(side, row)) continue;
+    if (!table.arrivedComplete(side, row)) continue;
     ++r.sent_whole;
-    for (const Away& a : away)
+    for (const Outage& a : outages)
       if (row.exposed_utc_ns >= a.from_ns && row.exposed_utc_ns <= a.until_ns)
         missing.insert(row.exposed_utc_ns);
   }
-  const io::MissionPaths live(HilFolder(what.run).mission()), played(what.mission);
-  const io::MissionConfig::Cameras cameras = io::readMissionConfig(what.mission).cameras;
+  const io::MissionPaths live(HilFolder(comparison.run).mission()), played(comparison.mission);
+  const io::MissionConfig::Cameras cameras = io::readMissionConfig(comparison.mission).cameras;
   const PixelFormat format = side == CameraSide::kLeft ? cameras.left_format : cameras.right_format;
   if (!std::filesystem::is_directory(live.images())) return r;
   for (const auto& entry : std::filesystem::directory_iterator(live.images())) {
@@ -127,7 +129,7 @@ Recorded checkRecording(const HilComparison& what, CameraSide side, const std::v
     const io::ImageFile sent = io::readImage(played.images() / row->file, format, cameras.bits);
     r.other_pixels += got.bytes != sent.bytes ? 1 : 0;
   }
-  r.while_away = missing.size();
+  r.during_outage = missing.size();
   return r;
 }
 
@@ -173,7 +175,7 @@ PoseDistances comparePoses(const io::StereoPoseFile& live, const io::StereoPoseF
   d.matched = pairs.size();
   if (pairs.empty()) return d;
 
-  // The turn about the vertical and the shift that bring the direct poses nearest to the live ones.
+  // Least-squares rotation about the vertical and translation from direct to live poses.
   const auto count = static_cast<double>(pairs.size());
   Eigen::Vector3d live_mean = Eigen::Vector3d::Zero(), direct_mean = Eigen::Vector3d::Zero();
   for (const auto& [a, b] : pairs) {
@@ -207,7 +209,7 @@ PoseDistances comparePoses(const io::StereoPoseFile& live, const io::StereoPoseF
 const CameraLogRow* exposureAt(const std::vector<CameraLogRow>& log, std::int64_t utc_ns) {
   const CameraLogRow* nearest = nullptr;
   const auto off = [&](const CameraLogRow& row) { return std::abs(row.exposed_utc_ns - utc_ns); };
-  // In the order of exposures, but for those that skew moved.
+  // In the order of exposures, except for those delayed by skew.
   const auto from =
       std::lower_bound(log.begin(), log.end(), utc_ns - 20 * kSameExposureNs,
                        [](const CameraLogRow& row, std::int64_t t) { return row.exposed_utc_ns < t; });
@@ -233,11 +235,11 @@ PairCheck checkPairs(const io::StereoPoseFile& live, const std::vector<CameraLog
   return check;
 }
 
-bool compareHil(const HilComparison& what) {
-  const HilFolder folder(what.run);
+bool compareHil(const HilComparison& comparison) {
+  const HilFolder folder(comparison.run);
   const nlohmann::json run = readJson(folder.report());
   if (!run.contains("start_utc_ns"))
-    throw InputError(folder.report().string(), "", "is of a run that did not come to its end");
+    throw InputError(folder.report().string(), "", "is of an unfinished run");
   const std::filesystem::path live_folder = folder.mission() / "onboard";
   const nlohmann::json live = readJson(live_folder / "live.json"),
                        report = readJson(live_folder / "report.json");
@@ -246,9 +248,9 @@ bool compareHil(const HilComparison& what) {
   const FaultScript script =
       run.contains("faults") ? readFaultScript(run["faults"].get<std::string>()) : FaultScript{};
 
-  const bool replayed = replay(what, folder.mission(), folder.replay(), "recording");
-  if (!replay(what, what.mission, folder.direct(), "mission"))
-    throw InputError(what.mission.string(), "", "gives no map; play a mission that has pictures");
+  const bool replayed = replay(comparison, folder.mission(), folder.replay(), "recording");
+  if (!replay(comparison, comparison.mission, folder.direct(), "mission"))
+    throw InputError(comparison.mission.string(), "", "gives no map; play a mission that has pictures");
 
   nlohmann::ordered_json out;
   bool good = true;
@@ -262,17 +264,17 @@ bool compareHil(const HilComparison& what) {
       replayed ? differingFiles(live_folder, folder.replay()) : std::vector<std::string>{"everything"};
   std::string names;
   for (const std::string& name : differing) names += " " + name;
-  // What the map used and a full disk did not take cannot be replayed.
+  // Images that the map used but a full disk refused cannot be replayed.
   const std::uint64_t stopped = FaultTable::counter(live, {"recorder", "images_dropped_disk"});
   if (stopped > 0 && !differing.empty())
-    names += " (images are missing that a full disk stopped: not held to it)";
+    names += " (images that a full disk refused are missing: not required)";
   check("replay", differing.empty() || stopped > 0,
         differing.empty() ? "the recording replays to identical bytes"
                           : "the replay of the recording differs in" + names);
 
   const io::StereoPoseFile live_poses = io::readStereoPoses(live_folder / "stereo_pose_est.data");
   const TimeShift shift = {run["start_utc_ns"], run["mission_begin_utc_ns"], run["rate"]};
-  // Of these nothing may be seen in the poses.
+  // These faults must not change the poses.
   const bool harmless = std::ranges::all_of(script.faults, [](const Fault& f) {
     return f.kind == FaultKind::kMapperKilled || f.kind == FaultKind::kMapperStopped;
   });
@@ -280,31 +282,32 @@ bool compareHil(const HilComparison& what) {
       comparePoses(live_poses, io::readStereoPoses(folder.direct() / "stereo_pose_est.data"), shift);
   const double sigma_m = report["health"]["slam_position_sigma_m"];
   check("poses", d.matched > 0 && (!harmless || (d.worst_m <= kPoseTolerance_m && d.moved_m <= sigma_m)),
-        formatted("%zu camera positions against the direct replay: rms %.1f mm, worst %.1f mm, %.3f deg; the "
-                  "whole %.1f mm and %.3f deg (claimed: %.0f mm); %zu without counterpart%s",
-                  d.matched, 1e3 * d.rms_m, 1e3 * d.worst_m, d.worst_rad * 180 / M_PI, 1e3 * d.moved_m,
-                  d.turn_rad * 180 / M_PI, 1e3 * sigma_m, d.unmatched,
+        formatted("%zu camera positions against the direct replay: rms %.1f mm, worst %.1f mm, %.3f deg; "
+                  "common motion %.1f mm and %.3f deg (stated sigma: %.0f mm); %zu without counterpart%s",
+                  d.matched, 1e3 * d.rms_m, 1e3 * d.worst_m, radiansToDegrees(d.worst_rad), 1e3 * d.moved_m,
+                  radiansToDegrees(d.turn_rad), 1e3 * sigma_m, d.unmatched,
                   harmless ? "" : " (the faults' effect)"));
   out["poses"] = {{"matched", d.matched},  {"unmatched", d.unmatched}, {"rms_m", d.rms_m},
                   {"worst_m", d.worst_m},  {"worst_rad", d.worst_rad}, {"moved_m", d.moved_m},
                   {"turn_rad", d.turn_rad}};
 
   FaultTable table(script, run, live, report, left, right);
-  const std::vector<Away> away = awayTimes(run);
-  std::size_t unknown = 0, other_pixels = 0, whole = 0, recorded = 0, while_away = 0;
+  const std::vector<Outage> outages = outagesOf(run);
+  std::size_t unknown = 0, other_pixels = 0, whole = 0, recorded = 0, during_outage = 0;
   for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
-    const Recorded r = checkRecording(what, side, side == CameraSide::kLeft ? left : right, table, away);
-    while_away += r.while_away;
+    const Recorded r =
+        checkRecording(comparison, side, side == CameraSide::kLeft ? left : right, table, outages);
+    during_outage += r.during_outage;
     unknown += r.unknown;
     other_pixels += r.other_pixels;
     whole += r.sent_whole;
     recorded += r.recorded;
   }
-  check("frames", recorded + stopped + while_away == whole,
-        formatted("%zu exposures, %zu sent whole, %zu recorded, %llu stopped by a full disk, %zu while the "
-                  "program was away",
+  check("frames", recorded + stopped + during_outage == whole,
+        formatted("%zu exposures, %zu sent completely, %zu recorded, %llu refused by a full disk, %zu during "
+                  "outages of the program",
                   left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped),
-                  while_away));
+                  during_outage));
   const PairCheck pairs = checkPairs(live_poses, left, right, kPairTolerance_s);
   check(
       "pairs", pairs.pairs > 0 && pairs.mismatched + pairs.unknown + unknown + other_pixels == 0,
@@ -315,14 +318,14 @@ bool compareHil(const HilComparison& what) {
                    {"sent_whole", whole},
                    {"recorded", recorded},
                    {"stopped_by_disk", stopped},
-                   {"while_away", while_away},
+                   {"while_away", during_outage},
                    {"pairs", pairs.pairs},
                    {"mismatched", pairs.mismatched + pairs.unknown},
                    {"other_pixels", other_pixels}};
 
   if (!script.faults.empty()) {
     const bool counted = table.print(stdout);
-    check("faults", counted, counted ? "every fault was counted by its counter" : "see the table");
+    check("faults", counted, counted ? "every fault has its count" : "see the table");
     out["faults"] = table.json();
   }
   writeFile(folder.comparison(), out.dump(2) + "\n");

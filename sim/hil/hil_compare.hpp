@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "sim/hil/camera_log.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "sim/hil/fault_table.hpp"
 
 namespace fathom::sim {
 
@@ -16,25 +16,24 @@ struct HilComparison {
   std::string onboard;            // fathom-onboard
 };
 
-// fathom-sim hil-compare: what a bench run is held to. Replays the recording and the mission where that was
-// not done yet (RUN/replay, RUN/direct), prints the tables, writes RUN/compare.json. True when every check
-// holds:
-//   replay       the recording replays to the bytes that the live run wrote
-//   poses        camera positions within 3 mm of the direct replay's, where the first lap shows the same
-//   pair,
-//                after the turn about the vertical and the shift that the whole track has; these no more than
-//                the position's claimed standard deviation. Ship's fixes come over the modem later than they
-//                stand in the mission: one that comes after the first pair weighs otherwise than one before
-//   frames       every whole frame that a camera sent is recorded, up to those that a full disk stopped
-//   pairs        no pair of exposures that do not belong together, no pixel other than the mission's
-//   faults       each counter that a fault must move has the count injected
-// A run with faults is not held to the poses: their distance is its effect. Throws InputError for a folder
+// fathom-sim hil-compare: checks a bench run. Replays the recording and the mission unless done already
+// (RUN/replay, RUN/direct), prints the tables and writes RUN/compare.json. True when every check passes:
+//   replay  the recording replays to the bytes that the live run wrote
+//   poses   camera positions of the first lap within 3 mm of the direct replay's, after the common rotation
+//   about
+//           the vertical and translation of the track, which are within the position's stated standard
+//           deviation. (Fixes arrive later over the modem than in the mission; one that arrives after the
+//           first pair has another weight than one before.)
+//   frames  every complete frame that a camera sent is recorded, except those refused by a full disk
+//   pairs   every pair is of one instant, every pixel is the mission's
+//   faults  each counter that a fault must move has the injected count
+// With faults other than the mapper's, the check of poses is informative only. Throws InputError for a folder
 // that is no run.
-bool compareHil(const HilComparison& what);
+bool compareHil(const HilComparison& comparison);
 
-// The parts, for tests.
+// The parts of compareHil().
 
-// Names of the files that differ between two folders or are in only one; but those that hold measured times
+// Names of the files that differ between two folders or are in only one, without those of measured times
 // (timing.json, live.json).
 [[nodiscard]] std::vector<std::string> differingFiles(const std::filesystem::path& a,
                                                       const std::filesystem::path& b);
@@ -47,8 +46,8 @@ struct TimeShift {
 };
 struct PoseDistances {
   std::size_t matched = 0, unmatched = 0;  // of the live run's poses; unmatched: no direct pose within 0.1 s
-  double moved_m = 0, turn_rad = 0;        // the whole: furthest motion of a pose, turn about the vertical
-  double worst_m = 0, rms_m = 0, worst_rad = 0;  // of single poses, without that motion
+  double moved_m = 0, turn_rad = 0;  // common motion: farthest of a pose, and rotation about the vertical
+  double worst_m = 0, rms_m = 0, worst_rad = 0;  // of single poses, without the common motion
 };
 [[nodiscard]] PoseDistances comparePoses(const io::StereoPoseFile& live, const io::StereoPoseFile& direct,
                                          const TimeShift& shift);
@@ -56,9 +55,10 @@ struct PoseDistances {
 struct PairCheck {
   std::size_t pairs = 0;
   std::size_t mismatched = 0;  // its images were not exposed together
-  std::size_t unknown = 0;     // an image that no camera exposed
+  std::size_t unknown = 0;     // an image without an exposure
 };
-// The pairs of a pose file against what the cameras exposed. `tolerance_s`: largest difference of exposures.
+// Compares the pairs of a pose file with the cameras' exposures. `tolerance_s`: largest difference of
+// exposures.
 [[nodiscard]] PairCheck checkPairs(const io::StereoPoseFile& live, const std::vector<CameraLogRow>& left,
                                    const std::vector<CameraLogRow>& right, double tolerance_s);
 

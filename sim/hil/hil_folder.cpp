@@ -4,10 +4,10 @@
 #include <sstream>
 #include <string_view>
 
-#include "firmware_if/files/toml_text.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -33,16 +33,15 @@ void makeHilFolder(const HilFolder& folder, bool force) {
   std::error_code error;
   if (std::filesystem::exists(folder.root) && !std::filesystem::is_empty(folder.root, error)) {
     if (!std::filesystem::exists(folder.report()))
-      throw InputError(folder.root.string(), "",
-                       "holds something else than a bench run; name another folder");
+      throw InputError(folder.root.string(), "", "has other content than a bench run; name another folder");
     if (!force)
       throw InputError(folder.root.string(), "",
                        "holds a bench run; name another folder, or replace it with --force");
     std::filesystem::remove_all(folder.root);
   }
   std::filesystem::create_directories(folder.mission(), error);
-  if (error) throw InputError(folder.root.string(), "", "cannot be made (" + error.message() + ")");
-  // From here on it is a run, even if it is cut off.
+  if (error) throw InputError(folder.root.string(), "", "cannot be created (" + error.message() + ")");
+  // Marks the folder as a run, also when it is interrupted.
   writeFile(folder.report(), "{}\n");
 }
 
@@ -65,7 +64,7 @@ void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, co
   for (const char* table : {"cameras", "dvl", "can", "lcm", "modem"})
     if (hasTable(base, table))
       throw InputError(options.config->string(), std::string("[") + table + "]",
-                       "is the bench's to say; leave this table out");
+                       "is set by the bench; leave this table out");
   AtomicFile file(folder.config());
   std::ostream& out = file.stream();
   const auto text = [](const std::string& t) { return io::tomlString(t); };
@@ -81,7 +80,7 @@ void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, co
   if (!devices.modem.empty()) out << "\n[modem]\ndevice = " << text(devices.modem) << "\n";
   if (!hasTable(base, "recorder")) {
     const double hours = static_cast<double>(schedule.end_utc_ns - schedule.start_utc_ns) * 1e-9 / 3600;
-    // Small reserves: the bench may fill the disk, and a bench's run is short.
+    // Small reserves, since the bench may fill the disk and its runs are short.
     out << "\n[recorder]\nplanned_hours = " << io::tomlNumber(hours + 0.05)
         << "\nimage_reserve_mib = 64\nlog_reserve_mib = 8\n";
   }

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "sim/hil/hil_options.hpp"
+#include "sim/hil/hil_run.hpp"
 #include "sim/hil/mission_schedule.hpp"
 
 namespace fathom::sim {
@@ -13,11 +13,11 @@ namespace fathom::sim {
 //   mission/              mission.toml and stereo.calib for the vehicle, then its recording and onboard/
 //   onboard.toml          the configuration given, and the devices of the bench
 //   dvl, modem            the program's serial ports (while it runs)
-//   camera-left.txt, .csv, .log and -right   what each camera plays, what became of each exposure, its output
+//   camera-left.txt, .csv, .log and -right   what each camera plays, results of its exposures, its output
 //   onboard.log           output of the program under test
-//   heard.bin             frames as the ship heard them, for fathom-monitor --packets
+//   heard.bin             frames as the ship received them, for fathom-monitor --packets
 //   replay/, direct/      onboard/ of the recording replayed, and of the mission replayed directly
-//   hil.json              what was played and injected; compare.json: what came of it
+//   hil.json              what was played and injected; compare.json: results of the checks
 struct HilFolder {
   explicit HilFolder(std::filesystem::path run) : root(std::move(run)) {}
   std::filesystem::path root;
@@ -29,7 +29,7 @@ struct HilFolder {
     return root / ((side == CameraSide::kLeft ? "camera-left." : "camera-right.") + extension);
   }
   [[nodiscard]] std::filesystem::path onboardLog() const { return root / "onboard.log"; }
-  [[nodiscard]] std::filesystem::path heard() const { return root / "heard.bin"; }
+  [[nodiscard]] std::filesystem::path receivedFrames() const { return root / "heard.bin"; }
   [[nodiscard]] std::filesystem::path clockStep() const { return root / "clock_step"; }
   [[nodiscard]] std::filesystem::path replay() const { return root / "replay"; }
   [[nodiscard]] std::filesystem::path direct() const { return root / "direct"; }
@@ -37,16 +37,16 @@ struct HilFolder {
   [[nodiscard]] std::filesystem::path comparison() const { return root / "compare.json"; }
 };
 
-// Where the vehicle finds its devices on this bench.
+// Addresses of the vehicle's devices on this bench.
 struct HilDevices {
   std::string left, right;      // camera ids
   std::string dvl, modem, lcm;  // addresses; empty: none
   double dvl_latency_s = 0;
 };
 
-// Makes RUN. Throws InputError where anything but an earlier run is in the way, or one without `force`.
+// Creates RUN. Throws InputError for a folder with other content, and for an earlier run without `force`.
 void makeHilFolder(const HilFolder& folder, bool force);
-// Before the program starts: mission/, what the cameras play.
+// Writes mission/ and the cameras' schedules, before the program starts.
 void writeHilMission(const HilFolder& folder, const MissionSchedule& schedule);
 // onboard.toml: the base, then the devices. Throws InputError for a base that cannot be read.
 void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, const HilOptions& options,

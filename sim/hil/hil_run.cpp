@@ -1,5 +1,8 @@
 #include "sim/hil/hil_run.hpp"
 
+#include <pthread.h>
+#include <sched.h>
+
 #include <csignal>
 #include <cstdio>
 #include <memory>
@@ -7,12 +10,10 @@
 #include <stdexcept>
 #include <thread>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/install_prefix.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "sim/hil/bench/bench_network.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/install_prefix.hpp"
 #include "sim/hil/bench/child_process.hpp"
-#include "sim/hil/bench/device_priority.hpp"
 #include "sim/hil/bench/machine_faults.hpp"
 #include "sim/hil/bench/program_under_test.hpp"
 #include "sim/hil/hil_compare.hpp"
@@ -26,14 +27,14 @@ namespace fathom::sim {
 namespace {
 
 constexpr const char* kLcmUrl = "udpm://239.255.76.67:7667?ttl=0";
-constexpr double kCameraStart_s = 10;  // until a simulated camera serves
-constexpr double kProgramEnd_s = 120;  // until the program has written its map
-constexpr double kAfterMission_s = 3;  // what is on its way arrives
-constexpr double kLastFixes_s = 60;    // longest time until the ship had the turns to say its last fixes
+constexpr double kCameraStart_s = 10;  // timeout for a simulated camera to serve
+constexpr double kProgramEnd_s = 120;  // timeout for the program to write its map
+constexpr double kAfterMission_s = 3;  // for frames in transit
+constexpr double kLastFixes_s = 60;    // timeout for the ship to send its last fixes
 constexpr double kProgressEvery_s = 10;
-// Of the recording's disk: what is written beside the images, and what the program only takes beforehand
-// (slot files for tens of thousands of pairs), which costs nothing in a sparse file [bytes].
-constexpr std::uint64_t kWrittenBesideImages = 1ULL << 30, kTakenUnwritten = 16ULL << 30;
+// Size of the recording's disk beside the images: written data, and space that the program only reserves
+// (slot files for tens of thousands of pairs), which takes no room in a sparse file [bytes].
+constexpr std::uint64_t kWrittenBesideImages = 1ULL << 30, kReservedUnwritten = 16ULL << 30;
 
 std::atomic<bool> interrupted{false};
 
@@ -45,14 +46,23 @@ struct SideOptions {
   CameraSide side;
   const char* name;
   const char* serial;
-  int first_frame_id;     // far apart, so that numbers never match by chance
-  double clock_offset_s;  // what its clock shows when it starts
+  int first_frame_id;     // different, so that numbers never match by chance
+  double clock_offset_s;  // reading of its clock at the start
 };
 constexpr std::array<SideOptions, 2> kSides = {{{CameraSide::kLeft, "left", "FTH-L", 100, 1234.5},
                                                 {CameraSide::kRight, "right", "FTH-R", 40000, 77.25}}};
 
 std::string programBeside(const char* name) {
   return (installPrefix() / "bin" / name).string();
+}
+
+// Gives the calling thread, which simulates a device, priority over the program under test except its hard
+// tier, since real devices do not wait for the vehicle's computer. Its work takes some tens of microseconds
+// at a time. Without the privilege nothing changes, and the reported lateness grows.
+void takeDevicePriority() {
+  constexpr int kPriority = 75;  // above fathom-onboard's device threads (70), below its hard tier (80)
+  const sched_param param = {kPriority};
+  (void)::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &param);
 }
 
 class Bench {
@@ -70,15 +80,15 @@ class Bench {
     note(network_refusal_.empty() ? ""
                                   : "without network namespaces: " + network_refusal_ +
                                         "; cameras are on 127.0.1.1 and 127.0.1.2");
-    ScheduleOptions when;
-    when.start_utc_ns = clock_.utcNs() + static_cast<std::int64_t>(options_.lead_s * 1e9);
-    when.from_s = options_.from_s;
-    when.seconds = options_.seconds;
-    when.rate = options_.rate;
-    when.laps = options_.laps;
-    when.lie_before_s = options_.lead_s;
-    when.lie_after_s = kLastFixes_s + kAfterMission_s;
-    schedule_ = makeSchedule(options_.mission, when);
+    ScheduleOptions timing;
+    timing.start_utc_ns = clock_.utcNs() + static_cast<std::int64_t>(options_.lead_s * 1e9);
+    timing.from_s = options_.from_s;
+    timing.seconds = options_.seconds;
+    timing.rate = options_.rate;
+    timing.laps = options_.laps;
+    timing.rest_before_s = options_.lead_s;
+    timing.rest_after_s = kLastFixes_s + kAfterMission_s;
+    schedule_ = makeSchedule(options_.mission, timing);
     schedule_.mission.cameras.left_serial = kSides[0].serial;
     schedule_.mission.cameras.right_serial = kSides[1].serial;
     openDisk();
@@ -105,21 +115,21 @@ class Bench {
   [[nodiscard]] std::string onboardProgram() const {
     return options_.onboard.empty() ? programBeside("fathom-onboard") : options_.onboard.string();
   }
-  [[nodiscard]] bool asks(FaultKind kind) const {
+  [[nodiscard]] bool hasFault(FaultKind kind) const {
     for (const Fault& f : script_.faults)
       if (f.kind == kind) return true;
     return false;
   }
 
   void openDisk() {
-    if (!asks(FaultKind::kDiskFull) || options_.wait) return;
+    if (!hasFault(FaultKind::kDiskFull) || options_.wait) return;
     const auto pixels = [](const Camera& c) {
       return 2ULL * static_cast<std::uint64_t>(c.width) * static_cast<std::uint64_t>(c.height);
     };
     std::uint64_t bytes = kWrittenBesideImages;
     for (const ScheduledExposure& e : schedule_.exposures)
       bytes += pixels(e.side == CameraSide::kLeft ? schedule_.rig.left : schedule_.rig.right);
-    const std::string refusal = disk_.open(folder_.mission(), bytes, kTakenUnwritten);
+    const std::string refusal = disk_.open(folder_.mission(), bytes, kReservedUnwritten);
     if (!refusal.empty()) note("no disk of its own for the recording: " + refusal);
   }
 
@@ -128,13 +138,13 @@ class Bench {
     dvl_ = std::make_unique<DvlPlayer>(
         schedule_, script_, clock_, [this](std::span<const std::uint8_t> bytes) { dvl_line_->write(bytes); });
     if (options_.udp_modem)
-      modem_ = std::make_unique<ModemPlayer>(schedule_, script_, clock_, folder_.heard(), options_.water,
-                                             std::uint16_t{0});
+      modem_ = std::make_unique<ModemPlayer>(schedule_, script_, clock_, folder_.receivedFrames(),
+                                             options_.water, std::uint16_t{0});
     else
-      modem_ = std::make_unique<ModemPlayer>(schedule_, script_, clock_, folder_.heard(), options_.water,
-                                             folder_.modem());
+      modem_ = std::make_unique<ModemPlayer>(schedule_, script_, clock_, folder_.receivedFrames(),
+                                             options_.water, folder_.modem());
     lcm_ = std::make_unique<LcmPlayer>(schedule_, script_, clock_, kLcmUrl);
-    note("compass, depth, GPS, water and battery speak over LCM; can_bus_off is their silence");
+    note("compass, depth, GPS, water and battery send over LCM; can_bus_off silences them");
     HilDevices devices;
     devices.left = network_refusal_.empty() ? kSides[0].serial : "127.0.1.1";
     devices.right = network_refusal_.empty() ? kSides[1].serial : "127.0.1.2";
@@ -205,7 +215,7 @@ class Bench {
     child.argv = {onboardProgram(), "--live", folder_.mission().string(), "--config",
                   folder_.config().string()};
     for (const std::string& option : options_.onboard_options) child.argv.push_back(option);
-    if (asks(FaultKind::kClockStep)) {
+    if (hasFault(FaultKind::kClockStep)) {
       child.environment = stepped_->environment();
       if (child.environment.empty()) {
         note("no clock steps: lib/fathom/libfathom_stepped_clock.so is not installed");
@@ -226,7 +236,7 @@ class Bench {
     return false;
   }
 
-  // The devices speak before the program starts, as on a vehicle.
+  // The devices send before the program starts, as on a vehicle.
   void startPlayers() {
     std::erase_if(schedule_.samples, [now = clock_.utcNs()](const auto& s) { return s.due_utc_ns < now; });
     players_.emplace_back([this] {
@@ -245,7 +255,7 @@ class Bench {
     players_.clear();
   }
 
-  // Until the mission is over and the ship has said its fixes; false when the program ended before.
+  // Waits until the mission is over and the ship has sent its fixes; false when the program ended before.
   bool waitForEnd() {
     const std::int64_t rest_ns = static_cast<std::int64_t>(kAfterMission_s * 1e9);
     const std::int64_t latest_ns = schedule_.end_utc_ns + static_cast<std::int64_t>(kLastFixes_s * 1e9);
@@ -257,10 +267,10 @@ class Bench {
       if (now_ns >= next_ns) {
         std::fprintf(stderr, "mission second %.0f of %.0f%s\n", schedule_.missionSeconds(now_ns),
                      schedule_.missionSeconds(schedule_.end_utc_ns),
-                     now_ns > schedule_.end_utc_ns ? ": the ship says its last fixes" : "");
+                     now_ns > schedule_.end_utc_ns ? ": the ship sends its last fixes" : "");
         next_ns += static_cast<std::int64_t>(kProgressEvery_s * 1e9);
       }
-      if (now_ns >= end_ns && !drained && (modem_->fixesSaid() || now_ns >= latest_ns)) {
+      if (now_ns >= end_ns && !drained && (modem_->fixesSent() || now_ns >= latest_ns)) {
         drained = true;
         end_ns = now_ns + rest_ns;
       }
@@ -270,7 +280,7 @@ class Bench {
     return true;
   }
 
-  // Everything speaks; then the program is told to end. Its exit status.
+  // Plays to the end, then interrupts the program; its exit status.
   int play() {
     MachineFaults machine(schedule_, script_, clock_, disk_.isOpen() ? &disk_ : nullptr, stepped_.get(),
                           program_.get());
@@ -286,10 +296,10 @@ class Bench {
     for (const std::string& text : machine.notes()) note(text);
     int status = kExitSuccess;
     if (program_) {
-      away_ = program_->away();
-      program_->signal(SIGINT);  // an operator ends the dive
+      outages_ = program_->outages();
+      program_->signal(SIGINT);  // as an operator ends the dive
       const auto ended = program_->wait(kProgramEnd_s);
-      if (!ended) note("the program did not end when it was told to");
+      if (!ended) note("the program did not end when interrupted");
       status = ended.value_or(kExitFailedWork);
       if (status != 0)
         note("the program ended with status " + std::to_string(status) + "; see " +
@@ -318,7 +328,7 @@ class Bench {
       report["expected"][std::string(nameOf(static_cast<FaultKind>(i)))] = expected[i];
     for (std::size_t i = static_cast<std::size_t>(FaultKind::kDiskFull); i < kFaultKinds; ++i)
       report["injected"][std::string(nameOf(static_cast<FaultKind>(i)))] = done_[i];
-    for (const ProgramUnderTest::Away& a : away_)
+    for (const ProgramUnderTest::Outage& a : outages_)
       report["away"].push_back({{"from_utc_ns", a.from_utc_ns}, {"until_utc_ns", a.until_utc_ns}});
     const DvlPlayer::Counters& d = dvl_->counters();
     report["injected"]["dvl_garbage"] = d.damaged;
@@ -338,10 +348,10 @@ class Bench {
                        {"to_vehicle", m.to_vehicle},
                        {"silenced", m.silenced},
                        {"broken", m.broken},
-                       {"heard", m.ship.heard},
+                       {"heard", m.ship.received},
                        {"answers", m.ship.answers},
                        {"fixes", m.fixes},
-                       {"fixes_said", m.ship.fixes_said}};
+                       {"fixes_said", m.ship.fixes_sent}};
     if (options_.faults) report["faults"] = std::filesystem::absolute(*options_.faults).string();
     writeFile(folder_.report(), report.dump(2) + "\n");
   }
@@ -349,7 +359,7 @@ class Bench {
   const HilOptions& options_;
   HilFolder folder_;
   rt::RealClock real_clock_;
-  VehicleClock clock_;
+  SimulatedVehicleClock clock_;
   FaultScript script_;
   MissionSchedule schedule_;
   std::string network_refusal_;  // empty: the bench has a network of its own
@@ -362,7 +372,7 @@ class Bench {
   std::unique_ptr<ModemPlayer> modem_;
   std::vector<std::unique_ptr<ChildProcess>> cameras_;
   std::unique_ptr<ProgramUnderTest> program_;
-  std::vector<ProgramUnderTest::Away> away_;
+  std::vector<ProgramUnderTest::Outage> outages_;
   std::vector<std::thread> players_;
   std::atomic<bool> players_end_{false};
   std::array<std::uint64_t, kFaultKinds> done_{};

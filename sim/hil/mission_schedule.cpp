@@ -7,26 +7,25 @@
 #include <type_traits>
 #include <utility>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/nav/camera_clock.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/navigation/dead_reckoning/camera_clock.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr double kNanoseconds = 1e9;  // in a second
-constexpr std::int64_t kSecondNs = 1'000'000'000;
-// From the ping to the ship's knowing the position.
+// From the ping to the position on the ship.
 constexpr std::int64_t kUsblProcessingNs = 300'000'000;
-// A recorder that was late says nothing about the device.
-constexpr std::int64_t kLongestLatencyNs = 1'000'000'000;
+// Longer delays are the recorder's, not the device's.
+constexpr std::int64_t kLongestLatencyNs = kSecond_ns;
 
 std::int64_t timeOf(const SensorSample& sample) {
   return std::visit([](const auto& s) { return s.utc_ns; }, sample);
 }
 
-// What mission.toml says must be added to a stamp to get UTC [ns].
+// UTC minus stamp by mission.toml [ns].
 std::int64_t clockOffset(const SensorSample& sample, const io::MissionConfig::TimeOffsets& offsets) {
   double seconds = 0;
   if (std::holds_alternative<DvlSample>(sample)) seconds = offsets.dvl;
@@ -35,10 +34,10 @@ std::int64_t clockOffset(const SensorSample& sample, const io::MissionConfig::Ti
   if (std::holds_alternative<DepthSample>(sample)) seconds = offsets.depth;
   if (const auto* image = std::get_if<ImageEvent>(&sample))
     seconds = image->side == CameraSide::kLeft ? offsets.left_camera : offsets.right_camera;
-  return std::llround(seconds * kNanoseconds);
+  return std::llround(seconds * kNanosecondsPerSecond);
 }
 
-// Where the mission's part from `begin` to `end` lies in vehicle time, lap by lap.
+// Maps the mission's part from `begin` to `end` to vehicle time, for each lap.
 class Laps {
  public:
   Laps(const ScheduleOptions& options, std::int64_t begin_ns, std::int64_t end_ns)
@@ -59,8 +58,8 @@ class Laps {
   std::int64_t begin_ns_, end_ns_;
 };
 
-// A device's sample as it is on the bench.
-SensorSample moved(SensorSample sample, std::int64_t stamp_ns, double speed) {
+// A device's sample with its stamp and its rates in vehicle time.
+SensorSample inVehicleTime(SensorSample sample, std::int64_t stamp_ns, double speed) {
   std::visit([&](auto& s) { s.utc_ns = stamp_ns; }, sample);
   if (auto* dvl = std::get_if<DvlSample>(&sample); dvl != nullptr && dvl->velocity) *dvl->velocity *= speed;
   if (auto* gyro = std::get_if<GyroSample>(&sample)) {
@@ -83,12 +82,13 @@ void addSample(const io::LoggedSample& entry, std::int64_t offset_ns, const Laps
       std::holds_alternative<UsblFix>(entry.sample)
           ? kUsblProcessingNs
           : std::clamp<std::int64_t>(entry.arrival_utc_ns - stamp_ns, 0, kLongestLatencyNs);
-  out.samples.push_back({true_ns + latency_ns, moved(entry.sample, true_ns, laps.speed(lap))});
+  out.samples.push_back({true_ns + latency_ns, inVehicleTime(entry.sample, true_ns, laps.speed(lap))});
 }
 
-// The samples of one kind, by due time, go on at the period of the first two or the last two of them.
+// Extends the samples of one kind, by due time, before and after them at the period of the first two and of
+// the last two, without motion.
 template <class Sample>
-void lieStill(std::vector<ScheduledSample>& samples, double before_s, double after_s) {
+void extendAtRest(std::vector<ScheduledSample>& samples, double before_s, double after_s) {
   std::vector<ScheduledSample> own;
   for (const ScheduledSample& s : samples)
     if (std::holds_alternative<Sample>(s.sample)) own.push_back(s);
@@ -96,7 +96,7 @@ void lieStill(std::vector<ScheduledSample>& samples, double before_s, double aft
   const auto extend = [&](const ScheduledSample& from, const ScheduledSample& towards, double seconds) {
     const std::int64_t step_ns = from.due_utc_ns - towards.due_utc_ns;
     if (step_ns == 0) return;
-    const auto count = static_cast<std::int64_t>(seconds * kNanoseconds) / std::abs(step_ns);
+    const auto count = static_cast<std::int64_t>(seconds * kNanosecondsPerSecond) / std::abs(step_ns);
     for (std::int64_t k = 1; k <= count; ++k) {
       ScheduledSample still = from;
       still.due_utc_ns += k * step_ns;
@@ -132,7 +132,7 @@ MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const 
   schedule.rig = readStereoCalib(paths.calib());
   if (io::isFeatureMission(paths))
     throw InputError(mission_folder.string(), "features/",
-                     "has no pictures that a camera could send; give a mission with img/");
+                     "has no pictures for a camera; give a mission with img/");
 
   struct Entry {
     io::LoggedSample logged;
@@ -143,7 +143,7 @@ MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const 
   io::SensorLogReader reader(mission_folder);
   while (auto sample = reader.next()) {
     std::int64_t offset_ns = clockOffset(sample->sample, schedule.mission.time_offsets);
-    // A recorded camera's own clock drifts; the exposure was when navigation will find it to have been.
+    // A recorded camera's clock drifts; the exposure time is navigation's estimate of it.
     if (const auto* image = std::get_if<ImageEvent>(&sample->sample))
       offset_ns +=
           clocks[static_cast<std::size_t>(image->side)].utcNs(image->utc_ns, sample->arrival_utc_ns) -
@@ -154,33 +154,33 @@ MissionSchedule makeSchedule(const std::filesystem::path& mission_folder, const 
   const auto [first, last] =
       std::minmax_element(entries.begin(), entries.end(),
                           [&](const Entry& a, const Entry& b) { return true_time(a) < true_time(b); });
-  const std::int64_t begin_ns = true_time(*first) + std::llround(options.from_s * kNanoseconds);
+  const std::int64_t begin_ns = true_time(*first) + std::llround(options.from_s * kNanosecondsPerSecond);
   std::int64_t end_ns = true_time(*last);
   if (options.seconds > 0)
-    end_ns = std::min<std::int64_t>(end_ns, begin_ns + std::llround(options.seconds * kNanoseconds));
+    end_ns = std::min<std::int64_t>(end_ns, begin_ns + std::llround(options.seconds * kNanosecondsPerSecond));
 
   ScheduleOptions placed = options;
-  placed.start_utc_ns += ((begin_ns - options.start_utc_ns) % kSecondNs + kSecondNs) % kSecondNs;
+  placed.start_utc_ns += ((begin_ns - options.start_utc_ns) % kSecond_ns + kSecond_ns) % kSecond_ns;
   const Laps laps(placed, begin_ns, end_ns);
   for (int lap = 0; lap < options.laps; ++lap)
     for (const Entry& e : entries) {
-      // What lies at a turning point belongs to the lap before it.
+      // A sample at a turning point belongs to the lap before it.
       const std::int64_t turn_ns = laps.backward(lap) ? end_ns : begin_ns;
       if (true_time(e) < begin_ns || true_time(e) > end_ns || (lap > 0 && true_time(e) == turn_ns)) continue;
       addSample(e.logged, e.offset_ns, laps, lap, schedule);
     }
   if (schedule.exposures.empty())
     throw InputError(mission_folder.string(), "",
-                     "shows no picture in the part asked for; give another --from or --seconds");
+                     "has no picture in this part; give another --from or --seconds");
   const auto sortSamples = [&] {
     std::stable_sort(schedule.samples.begin(), schedule.samples.end(),
                      [](const auto& a, const auto& b) { return a.due_utc_ns < b.due_utc_ns; });
   };
   sortSamples();
-  lieStill<DvlSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
-  lieStill<AttitudeSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
-  lieStill<GyroSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
-  lieStill<DepthSample>(schedule.samples, options.lie_before_s, options.lie_after_s);
+  extendAtRest<DvlSample>(schedule.samples, options.rest_before_s, options.rest_after_s);
+  extendAtRest<AttitudeSample>(schedule.samples, options.rest_before_s, options.rest_after_s);
+  extendAtRest<GyroSample>(schedule.samples, options.rest_before_s, options.rest_after_s);
+  extendAtRest<DepthSample>(schedule.samples, options.rest_before_s, options.rest_after_s);
   sortSamples();
   std::stable_sort(schedule.exposures.begin(), schedule.exposures.end(),
                    [](const auto& a, const auto& b) { return a.utc_ns < b.utc_ns; });

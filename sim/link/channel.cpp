@@ -2,22 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
-#include <string>
+
+#include "sim/scenario/key_range_check.hpp"
 
 namespace fathom::sim {
 namespace {
 
 constexpr double kBitsPerByte = 8.0;
-// A frame that is overtaken, and a duplicate (an echo off the surface), come this much of the delay later.
+// Extra delay of an overtaken frame and of a duplicate (a surface echo), over the delay.
 constexpr double kLateShare = 1.5;
-// Without any delay, later by this [s].
+// Least extra delay [s].
 constexpr double kLeastLate = 0.05;
-constexpr std::uint64_t kDownlinkStream = 0x9E3779B97F4A7C15ULL;
-
-void require(bool good, const char* what) {
-  if (!good) throw std::invalid_argument(std::string("channel: ") + what);
-}
 
 // A number in [0, 1) that depends on the generator's bits alone, unlike the standard library's distributions.
 double uniform(std::mt19937_64& random) {
@@ -27,6 +22,7 @@ double uniform(std::mt19937_64& random) {
 }  // namespace
 
 void validate(const ChannelConfig& config) {
+  const auto require = [](bool good, const char* what) { requireSetting(good, "channel", what); };
   for (double p : {config.loss, config.duplicate, config.reorder, config.corrupt})
     require(p >= 0 && p <= 1, "loss, duplicate, reorder and corrupt are probabilities, 0 to 1");
   require(config.mean_burst == 0 || (config.mean_burst >= 1 && config.mean_burst <= 1000),
@@ -56,7 +52,7 @@ bool AcousticChannel::loses() {
   return bad_;
 }
 
-bool AcousticChannel::speaking(double from_s, double to_s) const {
+bool AcousticChannel::transmitting(double from_s, double to_s) const {
   return std::any_of(transmissions_.begin(), transmissions_.end(),
                      [&](const Transmission& t) { return t.begin_s < to_s && from_s < t.end_s; });
 }
@@ -79,7 +75,7 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
     transmissions_.push_back({begin_s, sent_s});
     if (transmissions_.size() > kTransmissions) transmissions_.pop_front();
   }
-  // Every frame draws as many numbers, so one frame's fate does not change with another's.
+  // Every frame draws the same count of numbers, so that its result is independent of the other frames.
   const bool lost = loses();
   const double duplicated = uniform(random_), reordered = uniform(random_), corrupted = uniform(random_);
   const std::uint64_t damage = random_();
@@ -90,7 +86,7 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
   std::vector<std::uint8_t> bytes(frame.begin(), frame.end());
   if (corrupted < config_.corrupt) {
     ++counters_.corrupted;
-    // A burst: up to four neighbouring bytes, the first for certain changed.
+    // Damages up to four neighbouring bytes; the first always changes.
     const std::size_t first = damage % bytes.size();
     bytes[first] ^= static_cast<std::uint8_t>(1 + (damage >> 32) % 255);
     for (std::size_t i = first + 1; i < std::min(bytes.size(), first + 4); ++i)
@@ -114,18 +110,20 @@ bool AcousticChannel::send(double now_s, std::span<const std::uint8_t> frame) {
 }
 
 void AcousticChannel::launch(double begin_s, double arrival_s, std::vector<std::uint8_t> bytes) {
-  flying_.push_back({begin_s, arrival_s, next_order_++, std::move(bytes)});
+  in_transit_.push_back({begin_s, arrival_s, next_order_++, std::move(bytes)});
 }
 
 std::size_t AcousticChannel::receive(double now_s, std::span<std::uint8_t> buffer) {
   while (true) {
-    const auto first = std::min_element(flying_.begin(), flying_.end(), [](const Flying& a, const Flying& b) {
-      return a.arrival_s != b.arrival_s ? a.arrival_s < b.arrival_s : a.order < b.order;
-    });
-    if (first == flying_.end() || first->arrival_s > now_s || first->bytes.size() > buffer.size()) return 0;
-    const Flying frame = std::move(*first);
-    flying_.erase(first);
-    if (reverse_ != nullptr && reverse_->speaking(frame.begin_s, frame.arrival_s)) {
+    const auto first =
+        std::min_element(in_transit_.begin(), in_transit_.end(), [](const InTransit& a, const InTransit& b) {
+          return a.arrival_s != b.arrival_s ? a.arrival_s < b.arrival_s : a.order < b.order;
+        });
+    if (first == in_transit_.end() || first->arrival_s > now_s || first->bytes.size() > buffer.size())
+      return 0;
+    const InTransit frame = std::move(*first);
+    in_transit_.erase(first);
+    if (reverse_ != nullptr && reverse_->transmitting(frame.begin_s, frame.arrival_s)) {
       ++counters_.collided;
       continue;
     }
@@ -137,64 +135,23 @@ std::size_t AcousticChannel::receive(double now_s, std::span<std::uint8_t> buffe
 
 double AcousticChannel::nextArrival() const {
   double next = -1;
-  for (const Flying& frame : flying_)
+  for (const InTransit& frame : in_transit_)
     if (next < 0 || frame.arrival_s < next) next = frame.arrival_s;
   return next;
 }
 
-struct ChannelPair::Impl {
-  // One end: sends into one channel, receives from the other.
-  class End final : public FramePort {
-   public:
-    End(Impl& pair, AcousticChannel& out, AcousticChannel& in) : pair_(pair), out_(out), in_(in) {}
-    bool send(std::span<const std::uint8_t> frame) noexcept override { return out_.send(pair_.now_s, frame); }
-    std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
-      return in_.receive(pair_.now_s, buffer);
-    }
-    std::uint64_t droppedFrames() const noexcept override { return 0; }
-
-   private:
-    Impl& pair_;
-    AcousticChannel& out_;
-    AcousticChannel& in_;
-  };
-
-  static ChannelConfig ownSeed(const ChannelConfig& up, ChannelConfig down) {
-    if (down.seed == up.seed) down.seed ^= kDownlinkStream;
-    return down;
-  }
-  Impl(const ChannelConfig& up_config, const ChannelConfig& down_config, bool half_duplex)
-      : up(up_config),
-        down(ownSeed(up_config, down_config)),
-        vehicle(*this, up, down),
-        ship(*this, down, up) {
-    if (!half_duplex) return;
-    up.deafWhileSpeaking(down);
-    down.deafWhileSpeaking(up);
-  }
-
-  double now_s = 0;
-  AcousticChannel up, down;
-  End vehicle, ship;
-};
-
 ChannelPair::ChannelPair(const ChannelConfig& up, const ChannelConfig& down, bool half_duplex)
-    : impl_(std::make_unique<Impl>(up, down, half_duplex)) {}
-ChannelPair::~ChannelPair() = default;
-FramePort& ChannelPair::vehicle() {
-  return impl_->vehicle;
-}
-FramePort& ChannelPair::ship() {
-  return impl_->ship;
-}
-void ChannelPair::advance(double now_s) {
-  impl_->now_s = std::max(impl_->now_s, now_s);
-}
-const AcousticChannel& ChannelPair::uplink() const {
-  return impl_->up;
-}
-const AcousticChannel& ChannelPair::downlink() const {
-  return impl_->down;
+    : up_(up),
+      down_([&] {
+        ChannelConfig own = down;
+        if (down.seed == up.seed) own.seed ^= AcousticChannel::kDownlinkStream;
+        return own;
+      }()),
+      vehicle_(now_s_, up_, down_),
+      ship_(now_s_, down_, up_) {
+  if (!half_duplex) return;
+  up_.loseWhileTransmitting(down_);
+  down_.loseWhileTransmitting(up_);
 }
 
 }  // namespace fathom::sim

@@ -16,13 +16,12 @@
 #include <cstring>
 #include <system_error>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr std::uint64_t kDownlinkStream = 0x9E3779B97F4A7C15ULL;
-constexpr int kLongestWaitMs = 200;  // then looks for signals and idleness
+constexpr int kLongestWaitMs = 200;  // between checks for signals and idleness
 
 volatile std::sig_atomic_t stop_requested = 0;
 
@@ -50,8 +49,8 @@ class Socket {
   Socket& operator=(const Socket&) = delete;
   [[nodiscard]] int fd() const { return fd_; }
 
-  // One datagram; its size, 0 when none waits. Longer ones than the buffer come cut off, as longer by one
-  // byte.
+  // Receives one datagram; its size, 0 for none. The buffer is one byte longer than a frame, so that the
+  // channel refuses datagrams that are too long.
   std::size_t receive(std::span<std::uint8_t> buffer, sockaddr_in& from) const {
     socklen_t length = sizeof from;
     const ssize_t size =
@@ -59,7 +58,7 @@ class Socket {
     return size > 0 ? static_cast<std::size_t>(size) : 0;
   }
   void send(std::span<const std::uint8_t> frame, const sockaddr_in& to) const {
-    // A receiver that is not there yet is a frame lost in the water, not an error.
+    // While no receiver exists, frames are lost; that is no error.
     (void)::sendto(fd_, frame.data(), frame.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
   }
 
@@ -106,11 +105,11 @@ void report(const char* name, const AcousticChannel::Counters& c) {
 int runChannelRelay(const ChannelRelayOptions& options) {
   const sockaddr_in ship = resolve(options.to_host, options.to_port);
   ChannelConfig down_config = options.down;
-  down_config.seed ^= kDownlinkStream;
+  down_config.seed ^= AcousticChannel::kDownlinkStream;
   AcousticChannel up(options.channel), down(down_config);
   if (options.half_duplex) {
-    up.deafWhileSpeaking(down);
-    down.deafWhileSpeaking(up);
+    up.loseWhileTransmitting(down);
+    down.loseWhileTransmitting(up);
   }
   const Socket socket(options.listen_port);
   stop_requested = 0;
@@ -134,7 +133,7 @@ int runChannelRelay(const ChannelRelayOptions& options) {
         vehicle = from;
         vehicle_known = true;
       }
-      // What a channel does not take, it counts.
+      // The channel counts refused frames.
       (void)(from_ship ? down : up).send(now_s, std::span(buffer).first(size));
     }
     while (const std::size_t size = up.receive(now_s, buffer))

@@ -14,7 +14,7 @@ struct ChannelRelayOptions {
   double idle_exit_s = 0;    // ends after this long without a frame; 0: only on SIGINT or SIGTERM
   ChannelConfig channel;     // from the vehicle to the ship
   ChannelConfig down;        // from the ship to the vehicle
-  bool half_duplex = false;  // neither modem hears while it speaks
+  bool half_duplex = false;  // a modem receives nothing while it transmits
 };
 
 // Relays UDP datagrams (a datagram is a frame) from listen_port to to_host:to_port through a simulated

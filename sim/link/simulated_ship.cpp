@@ -4,16 +4,15 @@
 #include <deque>
 #include <stdexcept>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "sim/link/channel.hpp"
 #include "telemetry/ship/ship_link.hpp"
 #include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::sim {
 namespace {
-
-constexpr double kNanoseconds = 1e9;  // in a second
 
 ChannelConfig waterOf(const SimulatedShipOptions& options) {
   ChannelConfig water;
@@ -37,8 +36,8 @@ ChannelConfig waterOf(const SimulatedShipOptions& options) {
 }  // namespace
 
 struct SimulatedShip::Impl {
-  Impl(const std::filesystem::path& heard, const SimulatedShipOptions& o)
-      : options(o), water(waterOf(o), waterOf(o), o.half_duplex), file(heard) {
+  Impl(const std::filesystem::path& packet_file, const SimulatedShipOptions& o)
+      : options(o), water(waterOf(o), waterOf(o), o.half_duplex), file(packet_file) {
     switchOn();
   }
 
@@ -49,18 +48,18 @@ struct SimulatedShip::Impl {
   }
   [[nodiscard]] bool off(double t) const { return t >= options.off_from_s && t < options.off_to_s; }
 
-  [[nodiscard]] std::uint64_t saidNow() const {
+  [[nodiscard]] std::uint64_t fixesSentNow() const {
     return ship && ship->sender() ? ship->sender()->counters().fixes : 0;
   }
 
-  // What has arrived by the time `t` (in seconds of the mission) is heard and answered.
-  void listen(double t) {
+  // Receives the frames that have arrived by mission second `t` and answers them.
+  void receiveUntil(double t) {
     water.advance(t);
-    const std::int64_t now_ns = first_ns + static_cast<std::int64_t>(t * kNanoseconds);
+    const std::int64_t now_ns = first_ns + static_cast<std::int64_t>(t * kNanosecondsPerSecond);
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
     if (off(t) && ship) {
       repaired += ship->receiver().counters().repaired;
-      fixes_said += saidNow();
+      fixes_sent += fixesSentNow();
       fix_given = false;
       ship.reset();
     }
@@ -70,14 +69,14 @@ struct SimulatedShip::Impl {
       const std::span<const std::uint8_t> frame(buffer.data(), size);
       if (!telemetry::writePacket(file.stream(), now_ns, frame))
         throw std::runtime_error("the ship's frames cannot be written (disk full?)");
-      ++frames_heard;
-      ship->hear(frame, [&](std::span<const std::uint8_t> link_frame) {
+      ++frames_received;
+      ship->receive(frame, [&](std::span<const std::uint8_t> link_frame) {
         return ship->accept(now_ns, link_frame, [](const auto&) { return true; }).verdict ==
                telemetry::FrameVerdict::kAccepted;
       });
     }
     if (!ship) return;
-    // The sender keeps one fix: the next is given when that one was said.
+    // The sender keeps one fix: the next follows when that one is sent or stale.
     if (telemetry::DownlinkSender* sender = ship->sender(); sender != nullptr && !fixes.empty()) {
       const std::uint64_t done = sender->counters().fixes + sender->counters().stale_fixes;
       if (!fix_given || done != fixes_done) {
@@ -97,21 +96,21 @@ struct SimulatedShip::Impl {
   AtomicFile file;
   std::unique_ptr<telemetry::ShipLink> ship;    // null while it is switched off
   std::deque<telemetry::UsblFixMessage> fixes;  // not yet given to the sender
-  bool fix_given = false;                       // the sender has one, or had it
-  std::uint64_t fixes_done = 0;                 // of the sender, when it got its last
-  std::uint64_t fixes_said = 0;                 // before the ship was last switched on
+  bool fix_given = false;                       // at least one to the sender
+  std::uint64_t fixes_done = 0;                 // sent or stale when it got its last
+  std::uint64_t fixes_sent = 0;                 // before the last switch-on
   bool started = false;
   std::int64_t first_ns = 0;
-  std::uint64_t frames_heard = 0, answers = 0, repaired = 0;
+  std::uint64_t frames_received = 0, answers = 0, repaired = 0;
 };
 
-SimulatedShip::SimulatedShip(const std::filesystem::path& heard, const SimulatedShipOptions& options) {
+SimulatedShip::SimulatedShip(const std::filesystem::path& packet_file, const SimulatedShipOptions& options) {
   if (!(options.off_from_s >= 0) || !(options.off_to_s >= options.off_from_s))
     throw InputError("--off", "", "give two times of the mission [s], the first not after the second");
-  const std::filesystem::path folder = heard.has_parent_path() ? heard.parent_path() : ".";
-  if (!std::filesystem::is_directory(folder) || std::filesystem::is_directory(heard))
-    throw InputError(heard.string(), "", "cannot be written; name a file in a folder that is there");
-  impl_ = std::make_unique<Impl>(heard, options);
+  const std::filesystem::path folder = packet_file.has_parent_path() ? packet_file.parent_path() : ".";
+  if (!std::filesystem::is_directory(folder) || std::filesystem::is_directory(packet_file))
+    throw InputError(packet_file.string(), "", "cannot be written; name a file in a folder that is there");
+  impl_ = std::make_unique<Impl>(packet_file, options);
 }
 SimulatedShip::~SimulatedShip() = default;
 
@@ -127,12 +126,12 @@ void SimulatedShip::advance(std::int64_t now_ns) {
   Impl& i = *impl_;
   if (!i.started) i.first_ns = now_ns;
   i.started = true;
-  const double now = static_cast<double>(now_ns - i.first_ns) / kNanoseconds;
+  const double now = static_cast<double>(now_ns - i.first_ns) / kNanosecondsPerSecond;
   // Frame by frame, each at its own time.
   for (double next = i.water.uplink().nextArrival(); next >= 0 && next < now;
        next = i.water.uplink().nextArrival())
-    i.listen(next);
-  i.listen(now);
+    i.receiveUntil(next);
+  i.receiveUntil(now);
 }
 
 void SimulatedShip::finish() {
@@ -144,12 +143,12 @@ SimulatedShip::Summary SimulatedShip::summary() const {
                                   &down = impl_->water.downlink().counters();
   Summary s;
   s.sent = up.offered - up.refused;
-  s.heard = impl_->frames_heard;
+  s.received = impl_->frames_received;
   s.collided = up.collided;
   s.repaired = impl_->repaired + (impl_->ship ? impl_->ship->receiver().counters().repaired : 0);
   s.answers = impl_->answers;
-  s.answers_heard = down.delivered;
-  s.fixes_said = impl_->fixes_said + impl_->saidNow();
+  s.answers_received = down.delivered;
+  s.fixes_sent = impl_->fixes_sent + impl_->fixesSentNow();
   s.fixes_waiting = impl_->fixes.size();
   s.loss = s.sent > 0 ? static_cast<double>(up.lost + up.collided) / static_cast<double>(s.sent) : 0;
   return s;

@@ -12,44 +12,43 @@
 namespace fathom::sim {
 
 struct SimulatedShipOptions {
-  double loss = 0.1;                                        // share of the frames, either way
+  double loss = 0.1;                                        // fraction of frames, in each direction
   double duplicate = 0.01, reorder = 0.02, corrupt = 0.01;  // as in ChannelConfig
   double mean_burst = 0;                                    // of runs of lost frames; 0: each by itself
-  double delay_s = 1.0;                                     // of sound, one way
+  double delay_s = 1.0;                                     // of sound, in one direction
   double rate_bps = 300;                                    // of either modem
   double preamble_s = 0;                                    // of either modem, before each frame
-  bool half_duplex = true;                                  // neither modem hears while it speaks
+  bool half_duplex = true;                                  // a modem receives nothing while it transmits
   std::uint64_t seed = 1;
   std::size_t frame_bytes = 32;  // of the downlink's frames
   std::optional<telemetry::LinkKey> key;
-  // The ship's computer is off from the one to the other time, in seconds of the mission: it hears nothing,
-  // says nothing and starts again with nothing in its memory.
+  // The ship's computer is off between these mission seconds: it receives and sends nothing, and restarts
+  // with an empty state.
   double off_from_s = 0, off_to_s = 0;
 };
 
-// A ship that listens and answers, in mission time: the simulated water (sim/link), the ship's end of the
-// link (telemetry::ShipLink), and a file of the frames as the ship heard them, with their times, for
-// fathom-monitor --packets.
+// A ship that receives and answers in mission time: the simulated channel, the ship's end of the link
+// (telemetry::ShipLink), and a file of the received frames with their times, for fathom-monitor --packets.
 class SimulatedShip {
  public:
-  // Throws InputError for a file that cannot be made or a water that cannot be.
-  SimulatedShip(const std::filesystem::path& heard, const SimulatedShipOptions& options);
+  // Throws InputError for a file that cannot be written and for channel options out of range.
+  SimulatedShip(const std::filesystem::path& packet_file, const SimulatedShipOptions& options);
   ~SimulatedShip();
 
   // The vehicle's modem.
   [[nodiscard]] FramePort& modem();
-  // The ship has measured where the vehicle is: said in one of its next turns, one fix a turn, oldest first.
-  // Those that wait too long to be said (163 s) are dropped by the sender.
+  // Queues a position fix of the vehicle: one is sent in each turn, oldest first. The sender drops fixes
+  // older than 163 s.
   void addFix(const telemetry::UsblFixMessage& fix);
-  // The mission has come to `now_ns`: what the ship has heard by then it has answered.
+  // Advances to `now_ns`: receives and answers the frames that arrive until then.
   void advance(std::int64_t now_ns);
-  // The file appears whole.
+  // Completes the file.
   void finish();
 
   struct Summary {
-    std::uint64_t sent = 0, heard = 0, collided = 0, repaired = 0;  // the vehicle's frames
-    std::uint64_t answers = 0, answers_heard = 0;                   // the ship's
-    std::uint64_t fixes_said = 0, fixes_waiting = 0;
+    std::uint64_t sent = 0, received = 0, collided = 0, repaired = 0;  // the vehicle's frames
+    std::uint64_t answers = 0, answers_received = 0;                   // the ship's
+    std::uint64_t fixes_sent = 0, fixes_waiting = 0;
     double loss = 0;  // share of the vehicle's frames
   };
   [[nodiscard]] Summary summary() const;

@@ -5,39 +5,39 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "sim/score/trajectory_score.hpp"
-#include "sim/sea/terrain.hpp"
+#include "sim/sea/sea_terrain.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr int kFewViews = 3;      // pairs that see a place which is worth surveying
-constexpr double kMargin = 0.04;  // of the image's width, where nobody marks
+constexpr int kLeastViews = 3;        // pairs that show a surveyed place
+constexpr double kMarkMargin = 0.04;  // of the image's width along its borders, without marks
 
-struct View {
+struct PairView {
   std::string left, right;
   SE3 T_nav_cam, T_cam_nav;
 };
 
-std::optional<Eigen::Vector2d> pixelOf(const Camera& camera, const Eigen::Vector3d& point) {
+std::optional<Eigen::Vector2d> markablePixel(const Camera& camera, const Eigen::Vector3d& point) {
   if (!(point.z() > 0)) return {};
   const Eigen::Vector2d pixel = camera.project(point);
-  const double margin = kMargin * camera.width;
+  const double margin = kMarkMargin * camera.width;
   const bool inside = pixel.x() > margin && pixel.y() > margin && pixel.x() < camera.width - margin &&
                       pixel.y() < camera.height - margin;
   return inside ? std::optional(pixel) : std::nullopt;
 }
 
-class Seabed {
+class VisibleSeabed {
  public:
-  explicit Seabed(const std::filesystem::path& mission)
+  explicit VisibleSeabed(const std::filesystem::path& mission)
       : terrain_(loadScenario((io::MissionPaths(mission).truth() / "scenario.toml").string()).terrain) {
     const io::MissionPaths paths(mission);
     const TruthTrack truth(paths.truth());
@@ -52,30 +52,30 @@ class Seabed {
     const std::vector<Eigen::Vector3f> vertices = terrain_.mesh().vertices;
     for (std::size_t k = 0; k < vertices.size(); k += vertices.size() / kEnough + 1) {
       const Eigen::Vector3d place = vertices[k].cast<double>();
-      if (around(place).size() >= kFewViews) places_.push_back(place);
+      if (candidateViews(place).size() >= kLeastViews) places_.push_back(place);
     }
   }
 
   [[nodiscard]] const StereoRig& rig() const { return rig_; }
   [[nodiscard]] const std::vector<Eigen::Vector3d>& places() const { return places_; }
-  // Whose left images show a place.
-  [[nodiscard]] std::vector<const View*> viewsOf(const Eigen::Vector3d& place) const {
-    constexpr double kHidden = 0.01;  // behind what a ray meets [m]
-    std::vector<const View*> out;
-    for (const View* view : around(place)) {
+  // Pairs with a left image that shows a place, occlusion considered.
+  [[nodiscard]] std::vector<const PairView*> viewsOf(const Eigen::Vector3d& place) const {
+    constexpr double kHidden = 0.01;  // a place this far behind the first hit is hidden [m]
+    std::vector<const PairView*> out;
+    for (const PairView* view : candidateViews(place)) {
       const Eigen::Vector3d from = view->T_nav_cam.translation();
       const auto met = terrain_.castRay(from, place - from);
       if (!met || *met > (place - from).norm() - kHidden) out.push_back(view);
     }
     return out;
   }
-  // So many places, each as far as can be from those before, the first at random, that views show.
+  // Farthest-point sampling of `count` visible places; the first is random.
   [[nodiscard]] std::vector<Eigen::Vector3d> spread(int count, Random& random) const {
     std::vector<Eigen::Vector3d> out;
     std::vector<double> nearest(places_.size(), INFINITY);
     auto next = static_cast<std::size_t>(random.uniform() * static_cast<double>(places_.size()));
     while (static_cast<int>(out.size()) < count && nearest[next] > 0) {
-      if (viewsOf(places_[next]).size() >= kFewViews) {
+      if (viewsOf(places_[next]).size() >= kLeastViews) {
         out.push_back(places_[next]);
         for (std::size_t i = 0; i < places_.size(); ++i)
           nearest[i] = std::min(nearest[i], (places_[i] - out.back()).norm());
@@ -87,28 +87,28 @@ class Seabed {
   }
 
  private:
-  // Whose left images show it unless something stands before it.
-  [[nodiscard]] std::vector<const View*> around(const Eigen::Vector3d& place) const {
-    std::vector<const View*> out;
-    for (const View& view : views_)
-      if (pixelOf(rig_.left, view.T_cam_nav * place)) out.push_back(&view);
+  // Pairs with the place inside the left image, occlusion not considered.
+  [[nodiscard]] std::vector<const PairView*> candidateViews(const Eigen::Vector3d& place) const {
+    std::vector<const PairView*> out;
+    for (const PairView& view : views_)
+      if (markablePixel(rig_.left, view.T_cam_nav * place)) out.push_back(&view);
     return out;
   }
 
-  Terrain terrain_;
+  SeaTerrain terrain_;
   StereoRig rig_;
-  std::vector<View> views_;
+  std::vector<PairView> views_;
   std::vector<Eigen::Vector3d> places_;
 };
 
 }  // namespace
 
 ControlMakerReport makeControl(const std::filesystem::path& mission, const ControlMakerOptions& options) {
-  const Seabed seabed(mission);
+  const VisibleSeabed seabed(mission);
   Random random(options.seed, "control");
   if (seabed.places().empty())
     throw InputError(mission.string(), "truth",
-                     "no place of the seafloor is in " + std::to_string(kFewViews) + " pairs");
+                     "no place of the seafloor is in " + std::to_string(kLeastViews) + " pairs");
   ControlMakerReport report;
   report.folder = options.out.empty() ? mission / "control" : options.out;
   std::filesystem::create_directories(report.folder);
@@ -119,14 +119,14 @@ ControlMakerReport makeControl(const std::filesystem::path& mission, const Contr
   bars.stream() << "from,to,length_m,sigma_m\n";
 
   const auto mark = [&](const std::string& name, const Eigen::Vector3d& place) {
-    const std::vector<const View*> seen = seabed.viewsOf(place);
-    const std::size_t count = std::min(seen.size(), static_cast<std::size_t>(options.marks));
+    const std::vector<const PairView*> views = seabed.viewsOf(place);
+    const std::size_t count = std::min(views.size(), static_cast<std::size_t>(options.marks));
     for (std::size_t k = 0; k < count; ++k) {
-      const View& view = *seen[k * seen.size() / count];
+      const PairView& view = *views[k * views.size() / count];
       const StereoRig& rig = seabed.rig();
       const Eigen::Vector3d point = view.T_cam_nav * place;
-      // Every third in the right image, where that shows it.
-      const auto right = k % 3 == 2 ? pixelOf(rig.right, rig.T_right_left * point) : std::nullopt;
+      // Every third mark is in the right image if that shows the place.
+      const auto right = k % 3 == 2 ? markablePixel(rig.right, rig.T_right_left * point) : std::nullopt;
       const Eigen::Vector2d pixel = right ? *right : rig.left.project(point);
       marks.stream() << name << ',' << (right ? view.right : view.left) << ','
                      << formatted("%.2f,%.2f,%.2f\n", pixel.x() + random.gauss(options.pixel_sigma),
@@ -150,7 +150,7 @@ ControlMakerReport makeControl(const std::filesystem::path& mission, const Contr
     std::ranges::sort(
         ends, {}, [&](const Eigen::Vector3d& p) { return std::abs((p - from).norm() - options.bar_length); });
     const Eigen::Vector3d to = *std::ranges::find_if(
-        ends, [&](const Eigen::Vector3d& p) { return seabed.viewsOf(p).size() >= kFewViews; });
+        ends, [&](const Eigen::Vector3d& p) { return seabed.viewsOf(p).size() >= kLeastViews; });
     const std::string name = "B" + std::to_string(++report.bars);
     mark(name + "a", from);
     mark(name + "b", to);

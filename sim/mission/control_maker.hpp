@@ -21,10 +21,10 @@ struct ControlMakerReport {
   int points = 0, marks = 0, bars = 0;
 };
 
-// What a diver would have surveyed on a simulated dive's seafloor, and somebody marked in its images: points
-// far apart from each other that several images see, with errors of survey and of marks. Tables as
-// fathom-topside reads them. Throws InputError for a mission without truth, and for one whose images see too
-// few places twice.
+// Writes surveyed control and check points, scale bars and their image marks for a simulated dive, with
+// survey and mark errors; the points are far from each other and each is in several images. The tables are
+// those that fathom-topside reads. Throws InputError for a mission without truth or without places seen by
+// several pairs.
 ControlMakerReport makeControl(const std::filesystem::path& mission, const ControlMakerOptions& options);
 
 }  // namespace fathom::sim

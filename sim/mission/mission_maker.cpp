@@ -1,42 +1,91 @@
 #include "sim/mission/mission_maker.hpp"
 
-#include <tbb/global_control.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <atomic>
-#include <mutex>
+#include <cmath>
 #include <numbers>
 #include <optional>
-#include <thread>
 #include <vector>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/mission_folder.hpp"
-#include "firmware_if/files/pose_files.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "sim/features/feature_camera.hpp"
-#include "sim/mission/told_rig.hpp"
-#include "sim/mission/wide_seafloor.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "sim/sea/photograph.hpp"
-#include "sim/sea/terrain.hpp"
-#include "sim/sensors/water_properties.hpp"
+#include "sim/sea/sea_terrain.hpp"
+#include "sim/sensors/sensors.hpp"
 
 namespace fathom::sim {
 namespace {
 
+Eigen::Vector3d drawDirection(Random& random) {
+  const double x = random.gauss(), y = random.gauss(), z = random.gauss();
+  return Eigen::Vector3d(x, y, z).normalized();
+}
+
+double drawSign(Random& random) {
+  return random.uniform() < 0.5 ? -1 : 1;
+}
+
+// A rotation by `angle` about a random axis and a translation by `shift` in a random direction.
+SE3 drawMotion(Random& random, double angle, double shift) {
+  const Eigen::AngleAxisd turn(angle, drawDirection(random));
+  const Eigen::Vector3d moved = shift * drawDirection(random);
+  return {Eigen::Quaterniond(turn), moved};
+}
+
+// A pose with a random error: its position by `shift`, its axes by `angle`, in the pose's parent frame.
+SE3 disturbed(Random& random, const SE3& pose, double angle, double shift) {
+  const SE3 off = drawMotion(random, angle, shift);
+  return {off.rotation() * pose.rotation(), pose.translation() + off.translation()};
+}
+
+// The calibration as the mission's files state it (mission.toml and stereo.calib): the true one with the
+// errors of calibration_errors, their directions and signs from a random stream of their own.
+struct NominalRig {
+  StereoRig rig;
+  io::MissionConfig mission;
+};
+NominalRig nominalRig(const CalibrationErrors& errors, const StereoRig& rig, const io::MissionConfig& mission,
+                      std::uint64_t seed) {
+  Random random(seed, "calibration-errors");
+  NominalRig out{rig, mission};
+  for (Camera* camera : {&out.rig.left, &out.rig.right}) {
+    const double longer = 1 + errors.focal * drawSign(random);
+    camera->fx *= longer, camera->fy *= longer;
+    const double angle = random.uniform(0, 2 * std::numbers::pi);
+    const double off = errors.centre * camera->width;
+    camera->cx += off * std::cos(angle), camera->cy += off * std::sin(angle);
+    camera->k1 += errors.radial * drawSign(random);
+  }
+  out.rig.T_right_left = disturbed(random, rig.T_right_left, errors.rig_angle, errors.rig_position_m);
+  const SE3 turned = SE3::fromEuler(errors.rig_x, errors.rig_y, errors.rig_z, Eigen::Vector3d::Zero());
+  const SE3 apart(out.rig.T_right_left.rotation(),
+                  (1 + errors.baseline) * out.rig.T_right_left.translation());
+  out.rig.T_right_left = turned * apart;
+  for (SE3* pose : {&out.mission.T_body_cam, &out.mission.T_body_dvl, &out.mission.T_body_compass})
+    *pose = disturbed(random, *pose, errors.mounting_angle, errors.lever_arm_m);
+  for (SE3* pose : {&out.mission.T_body_usbl, &out.mission.T_body_depth})
+    *pose = disturbed(random, *pose, 0, errors.lever_arm_m);
+  io::MissionConfig::TimeOffsets& t = out.mission.time_offsets;
+  for (double* offset : {&t.dvl, &t.compass, &t.depth}) *offset += errors.time_s * drawSign(random);
+  const double cameras = errors.time_s * drawSign(random);
+  t.left_camera += cameras, t.right_camera += cameras;
+  return out;
+}
+
 constexpr double kTruthRate = 50.0;  // of truth/trajectory.csv [1/s]
 
-// A folder that is being written; removed again unless it is whole.
+// The folder "<out>.partial", renamed to "<out>" by commit() and removed without it.
 class PartialFolder {
  public:
   PartialFolder(std::filesystem::path out, bool force) : out_(std::move(out)), force_(force) {
@@ -51,7 +100,7 @@ class PartialFolder {
     if (!error) std::filesystem::create_directories(partial_, error);
     if (error)
       throw InputError(partial_.string(), "",
-                       "cannot be made (" + error.message() + "); name another folder");
+                       "cannot be created (" + error.message() + "); name another folder");
   }
   ~PartialFolder() {
     std::error_code ignored;
@@ -113,8 +162,9 @@ io::MissionConfig missionConfig(const Scenario& s, const StereoRig& rig) {
   return m;
 }
 
-void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, const SensorWorld& world,
-                const Terrain& terrain, const std::vector<Exposure>& exposures) {
+void writeMissionTruth(const std::filesystem::path& folder, const Scenario& scenario,
+                       const SensorWorld& world, const SeaTerrain& terrain,
+                       const std::vector<Exposure>& exposures) {
   std::filesystem::create_directories(folder);
   std::vector<io::TrajectoryPoint> points;
   for (std::int64_t i = 0; static_cast<double>(i) / kTruthRate <= world.trajectory.duration(); ++i) {
@@ -136,21 +186,22 @@ void writeTruth(const std::filesystem::path& folder, const Scenario& scenario, c
   writePly(folder / "terrain.ply", terrain.mesh(), {"true seafloor in nav: north, east, down [m]"});
 }
 
-// The noise of an image is its own.
+// Seed of the noise of one image.
 std::uint64_t noiseSeed(const Scenario& scenario, CameraSide side, std::size_t index) {
   return streamSeed(static_cast<std::uint64_t>(scenario.seed),
                     (side == CameraSide::kLeft ? "left-image-" : "right-image-") + std::to_string(index));
 }
 
-// What differs from pair to pair.
-std::vector<Moment> momentsOf(const Scenario& scenario, const std::vector<Exposure>& exposures) {
+// Light, water and exposure of each pair.
+std::vector<PhotoConditions> photoConditions(const Scenario& scenario,
+                                             const std::vector<Exposure>& exposures) {
   const OpticsConfig& optics = scenario.optics;
   const auto seed = static_cast<std::uint64_t>(scenario.seed);
   Random random(seed, "flashes"), misfires(seed, "misfires"), water(seed, "water");
   const WaterPatches patches(water);
-  std::vector<Moment> out(exposures.size());
+  std::vector<PhotoConditions> out(exposures.size());
   for (std::size_t k = 0; k < out.size(); ++k) {
-    Moment& m = out[k];
+    PhotoConditions& m = out[k];
     const double energy = std::max(1 + random.gauss(optics.flash_sigma), 0.0);
     const bool dark = random.uniform() < optics.dark_probability;
     for (const StrobeConfig& strobe : optics.strobes) {
@@ -168,22 +219,23 @@ std::vector<Moment> momentsOf(const Scenario& scenario, const std::vector<Exposu
   return out;
 }
 
-void writeMoments(const std::filesystem::path& file, const SensorWorld& world,
-                  const std::vector<Exposure>& exposures, const std::vector<Moment>& moments) {
+void writePhotoConditions(const std::filesystem::path& file, const SensorWorld& world,
+                          const std::vector<Exposure>& exposures,
+                          const std::vector<PhotoConditions>& conditions) {
   AtomicFile out(file);
   out.stream() << "utc_ns,turbidity,exposure";
-  for (std::size_t s = 0; s < moments.front().flashes.size(); ++s) out.stream() << ",strobe_" << s + 1;
+  for (std::size_t s = 0; s < conditions.front().flashes.size(); ++s) out.stream() << ",strobe_" << s + 1;
   out.stream() << '\n';
   for (std::size_t k = 0; k < exposures.size(); ++k) {
-    out.stream() << world.utcNs(exposures[k].time_s) << ',' << moments[k].turbidity << ','
-                 << moments[k].exposure;
-    for (const double flash : moments[k].flashes) out.stream() << ',' << flash;
+    out.stream() << world.utcNs(exposures[k].time_s) << ',' << conditions[k].turbidity << ','
+                 << conditions[k].exposure;
+    for (const double flash : conditions[k].flashes) out.stream() << ',' << flash;
     out.stream() << '\n';
   }
   out.commit();
 }
 
-// An exposure that follows the altitude, a pair late.
+// Automatic exposure: sets each exposure from the range of the pair before.
 void setExposures(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
                   std::vector<Exposure>& exposures) {
   constexpr double kShortest = 0.1, kLongest = 10;
@@ -192,13 +244,13 @@ void setExposures(const Renderer& renderer, const Scenario& scenario, const Sens
     const auto distance =
         world.cast_ray(T_nav_cam.translation(), T_nav_cam.rotation() * Eigen::Vector3d::UnitZ());
     if (distance)
-      exposures[k].over_usual = std::pow(std::clamp(renderer.exposureAt(*distance), kShortest, kLongest),
+      exposures[k].over_usual = std::pow(std::clamp(renderer.exposureFactor(*distance), kShortest, kLongest),
                                          scenario.optics.sensor.auto_exposure);
   }
 }
 
-// Pose of the body at a moment, shaken by pumps and thrusters.
-SE3 shaken(const Scenario& scenario, const SensorWorld& world, std::size_t pair, double time_s) {
+// Pose of the body with the vibration of pumps and thrusters.
+SE3 vibratingPose(const Scenario& scenario, const SensorWorld& world, std::size_t pair, double time_s) {
   const OpticsConfig& optics = scenario.optics;
   const SE3 pose = world.trajectory.poseAt(time_s);
   if (optics.vibration_rad <= 0) return pose;
@@ -210,51 +262,38 @@ SE3 shaken(const Scenario& scenario, const SensorWorld& world, std::size_t pair,
   return pose * SE3::exp(twist);
 }
 
-// Calls make(i) for every exposure, in parallel; each writes its own files.
-void makeAll(std::size_t count, const MissionMakerOptions& options,
-             const std::function<void(std::size_t)>& make) {
-  std::mutex mutex;
-  std::size_t done = 0;
-  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-    // Isolated, so that a thread that waits inside one image does not begin another.
-    tbb::this_task_arena::isolate([&] { make(i); });
-    const std::lock_guard lock(mutex);
-    ++done;
-    if (options.progress) options.progress(done, count);
-  });
-}
-
 void renderAll(const Renderer& renderer, const Scenario& scenario, const SensorWorld& world,
                const std::vector<Exposure>& exposures, const io::MissionPaths& paths,
                const MissionMakerOptions& options) {
   std::filesystem::create_directories(paths.images());
-  const std::vector<Moment> moments = momentsOf(scenario, exposures);
-  if (!moments.empty()) writeMoments(paths.truth() / "exposures.csv", world, exposures, moments);
+  const std::vector<PhotoConditions> conditions = photoConditions(scenario, exposures);
+  if (!conditions.empty())
+    writePhotoConditions(paths.truth() / "exposures.csv", world, exposures, conditions);
   const double open_s = scenario.optics.sensor.open_s;
-  makeAll(exposures.size(), options, [&](std::size_t i) {
+  forEachPair(exposures.size(), options.progress, [&](std::size_t i) {
     const Exposure& e = exposures[i];
     for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
       const bool left = side == CameraSide::kLeft;
       const double time = e.time_s + (left ? 0 : scenario.sensors.cameras.right_delay_s);
-      Moment moment = moments[i];
-      const SE3 pose = shaken(scenario, world, i, time);
+      PhotoConditions shot = conditions[i];
+      const SE3 pose = vibratingPose(scenario, world, i, time);
       if (open_s > 0)
-        moment.T_begin_end = shaken(scenario, world, i, time - 0.5 * open_s).inverse() *
-                             shaken(scenario, world, i, time + 0.5 * open_s);
+        shot.T_begin_end = vibratingPose(scenario, world, i, time - 0.5 * open_s).inverse() *
+                           vibratingPose(scenario, world, i, time + 0.5 * open_s);
       photograph(renderer, pose, time, side, noiseSeed(scenario, side, i),
                  paths.images() / io::imageFileName(left ? e.left_stamp_ns : e.right_stamp_ns, side).view(),
-                 moment);
+                 shot);
     }
   });
 }
 
-void observeAll(const Terrain& terrain, const Scenario& scenario, const StereoRig& rig,
+void observeAll(const SeaTerrain& terrain, const Scenario& scenario, const StereoRig& rig,
                 const SensorWorld& world, const std::vector<Exposure>& exposures,
                 const std::filesystem::path& folder, const MissionMakerOptions& options) {
   std::filesystem::create_directories(folder);
   const auto seed = static_cast<std::uint64_t>(scenario.seed);
   const FeatureCamera camera(terrain, scenario.features, scenario.optics, rig, scenario.T_body_cam(), seed);
-  makeAll(exposures.size(), options, [&](std::size_t i) {
+  forEachPair(exposures.size(), options.progress, [&](std::size_t i) {
     const Exposure& e = exposures[i];
     const std::string name = io::imageFileName(e.left_stamp_ns, CameraSide::kLeft);
     const auto seen =
@@ -263,7 +302,7 @@ void observeAll(const Terrain& terrain, const Scenario& scenario, const StereoRi
   });
 }
 
-MissionMakerReport describe(const SensorWorld& world, const WideSeafloor& seafloor,
+MissionMakerReport reportOf(const SensorWorld& world, const WideSeafloor& seafloor,
                             const std::vector<Exposure>& exposures, std::size_t samples) {
   MissionMakerReport report;
   report.pairs = exposures.size();
@@ -283,12 +322,12 @@ MissionMakerReport describe(const SensorWorld& world, const WideSeafloor& seaflo
   return report;
 }
 
-MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& options) {
+MissionMakerReport makeMissionFolder(const Scenario& scenario, const MissionMakerOptions& options) {
   PartialFolder folder(options.out, options.force);
   const io::MissionPaths paths(folder.path());
   const StereoRig rig = scenario.stereoRig();
 
-  const Terrain terrain(resolvedTerrain(scenario));
+  const SeaTerrain terrain(resolvedTerrain(scenario));
   const WideSeafloor seafloor(terrain);
   const auto seed = static_cast<std::uint64_t>(scenario.seed);
   const Trajectory trajectory = simulateVehicle(
@@ -315,16 +354,16 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   const LoggedSamples samples = simulateSensors(world, scenario.sensors, exposures);
 
   const io::MissionConfig mission = missionConfig(scenario, rig);
-  const ToldRig told = toldRig(scenario.calibration_errors, rig, mission, seed);
-  io::writeMissionConfig(paths.root, told.mission);
-  writeStereoCalib(paths.calib(), told.rig);
+  const NominalRig nominal = nominalRig(scenario.calibration_errors, rig, mission, seed);
+  io::writeMissionConfig(paths.root, nominal.mission);
+  writeStereoCalib(paths.calib(), nominal.rig);
   {
     io::SensorLogWriter log(paths.log(), scenario.vehicle_name);
     for (const io::LoggedSample& s : samples) log.write(s.arrival_utc_ns, s.sample);
     log.flush();
   }
   io::deriveRawAuv(paths.root);
-  writeTruth(paths.truth(), scenario, world, terrain, exposures);
+  writeMissionTruth(paths.truth(), scenario, world, terrain, exposures);
   io::writeMissionConfig(paths.truth(), mission);
   writeStereoCalib(io::MissionPaths(paths.truth()).calib(), rig);
   if (options.features)
@@ -332,20 +371,14 @@ MissionMakerReport make(const Scenario& scenario, const MissionMakerOptions& opt
   else
     renderAll(*renderer, scenario, world, exposures, paths, options);
   folder.commit();
-  return describe(world, seafloor, exposures, samples.size());
+  return reportOf(world, seafloor, exposures, samples.size());
 }
 
 }  // namespace
 
 MissionMakerReport makeMission(const Scenario& scenario, const MissionMakerOptions& options) {
-  const int threads = options.threads > 0
-                          ? options.threads
-                          : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
-                                  static_cast<std::size_t>(threads));
-  tbb::task_arena arena(threads);
   MissionMakerReport report;
-  arena.execute([&] { report = make(scenario, options); });
+  withThreads(options.threads, [&] { report = makeMissionFolder(scenario, options); });
   return report;
 }
 

@@ -12,7 +12,7 @@ struct MissionMakerOptions {
   std::filesystem::path out;
   bool force = false;     // replaces a folder that is not empty
   int threads = 0;        // 0: as many as the machine has
-  bool features = false;  // features/ instead of img/: what stereo would match, and no pictures
+  bool features = false;  // features/ (simulated stereo features) in place of img/
   // Called after each pair, one call at a time.
   std::function<void(std::size_t done, std::size_t total)> progress;
 };
@@ -25,9 +25,9 @@ struct MissionMakerReport {
   double lowest_m = 0, highest_m = 0;  // altitude over the seafloor in that time
 };
 
-// Makes a mission folder with its truth. It is written beside `out` under the name "<out>.partial" and
-// renamed when whole. The bytes depend on the scenario only. Throws InputError for a folder in use and for a
-// scenario that cannot be flown, std::runtime_error when the disk refuses.
+// Writes a mission folder with its truth, as "<out>.partial", which is renamed to `out` when complete. The
+// bytes depend on the scenario only. Throws InputError for a folder in use and for a scenario that cannot be
+// flown, std::runtime_error for a failure of the disk.
 MissionMakerReport makeMission(const Scenario& scenario, const MissionMakerOptions& options);
 
 }  // namespace fathom::sim

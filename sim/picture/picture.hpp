@@ -11,10 +11,9 @@ struct PictureOptions {
   int height = 960;  // [px], likewise
 };
 
-// Draws a PLY mesh (nav frame, z down) with its colours, or else coloured by depth with a legend; lit by a
-// sun and by a sky that corners see less of; parallel projection with a scale bar. Top: north is up. Oblique:
-// from the south, 42 degrees over the horizon. Writes a PNG. Throws InputError for a mesh or size that cannot
-// be used.
+// Draws a PLY mesh (nav frame, z down) as a PNG with its colours, or coloured by depth with a legend; lit by
+// a sun and a sky with ambient occlusion; parallel projection with a scale bar. Top: north is up. Oblique:
+// from the south, 42 degrees over the horizon. Throws InputError for a mesh or size that cannot be used.
 void drawPicture(const std::filesystem::path& mesh, const std::filesystem::path& png,
                  const PictureOptions& options);
 

@@ -10,16 +10,15 @@
 
 namespace fathom::sim {
 
-// Goes through every key of a scenario: one walk reads a file, another writes one with its documentation. So
-// a key's name, unit, range and meaning stand in one place, and its default is the member's own.
+// Visitor of every key of a scenario; readers, writers and range checks implement it. A key's name, unit,
+// range and meaning are defined in one place, and its default is the member's initial value.
 class KeyVisitor {
  public:
   virtual ~KeyVisitor() = default;
 
   virtual void enter(const char* table, const char* meaning) = 0;
   virtual void leave() = 0;
-  // The tables of [[key]]: their count after the walk has decided it (`count` as it is now), then each in
-  // turn.
+  // The tables of [[key]]: takes their present count and gives the new one; enterItem() follows for each.
   virtual std::size_t beginList(const char* key, std::size_t count, const char* meaning) = 0;
   virtual void enterItem(std::size_t index) = 0;
   virtual void leaveItem() = 0;
@@ -41,7 +40,7 @@ class KeyVisitor {
   virtual void vector3(const char* key, Eigen::Vector3d& value, const char* unit, double low, double high,
                        const char* meaning) = 0;
 
-  // Other types of the same things.
+  // Overloads for other types of values.
   void integer(const char* key, int& value, int low, int high, const char* meaning) {
     std::int64_t wide = value;
     integer(key, wide, static_cast<std::int64_t>(low), static_cast<std::int64_t>(high), meaning);

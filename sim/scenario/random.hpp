@@ -7,12 +7,12 @@
 
 namespace fathom::sim {
 
-// Seed of one named stream of random numbers: every sensor and motion draws from its own stream, so that a
-// change of one (a rate, a switch) leaves the others' numbers as they were. FNV-1a of the name, mixed with
-// the scenario's seed by splitmix64 (Steele, Lea and Flood 2014).
+// Seed of a named random stream. Every sensor and motion has its own stream, so that changing one leaves the
+// numbers of the others unchanged. FNV-1a of the name, mixed with the scenario's seed by splitmix64 (Steele,
+// Lea and Flood 2014).
 [[nodiscard]] std::uint64_t streamSeed(std::uint64_t scenario_seed, std::string_view stream);
 
-// Random numbers whose bits do not depend on the standard library's distributions.
+// Random numbers that are equal on every standard library: none of its distributions is used.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
@@ -29,9 +29,8 @@ class Random {
   bool has_spare_ = false;
 };
 
-// A smooth random function of time with infinitely many derivatives: sinusoids of equal power with random
-// phases and with periods spread over a band. Standard deviation over long times is `sigma`, bounded by sigma
-// * sqrt(2 * terms).
+// A smooth random function of time: a sum of sinusoids of equal power with random phases and with periods
+// spread over a band. Its standard deviation over long times is `sigma`; |value| <= sigma * sqrt(2 * terms).
 class SmoothNoise {
  public:
   SmoothNoise() = default;

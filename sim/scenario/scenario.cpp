@@ -52,7 +52,7 @@ void visitScenario(KeyVisitor& keys, Scenario& s) {
   keys.angle("origin_latitude_deg", s.origin.latitude, -80, 80, "of nav, WGS84");
   keys.angle("origin_longitude_deg", s.origin.longitude, -180, 180, "of nav, WGS84");
   keys.angle("magnetic_declination_deg", s.magnetic_declination, -60, 60, "east positive");
-  keys.text("vehicle_name", s.vehicle_name, "as mission.toml tells it");
+  keys.text("vehicle_name", s.vehicle_name, "in mission.toml");
   keys.integer("vehicle_id", s.vehicle_id, 0, 255, "on the acoustic link");
   keys.integer("dive_id", s.dive_id, 0, 65535, "on the acoustic link");
   keys.number("scale", s.scale, "1", 0.05, 1, "of the images' sides");

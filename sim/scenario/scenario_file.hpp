@@ -12,18 +12,18 @@ namespace fathom::sim {
 // range, a mesh that is not there.
 [[nodiscard]] Scenario loadScenario(const std::string& name_or_path);
 
-// Where the shipped scenarios are.
+// Folder of the shipped scenarios.
 [[nodiscard]] std::filesystem::path shippedScenarios();
-// Where real captures are: the environment variable FATHOM_DATA_DIR, else share/fathom/data beside the
-// program.
+// Folder of real captures: the environment variable FATHOM_DATA_DIR, else share/fathom/data of the
+// installation.
 [[nodiscard]] std::filesystem::path dataFolder();
 
 // The terrain with relative file names found beside the scenario's file or in the folder of real captures.
 // Throws InputError.
 [[nodiscard]] TerrainConfig resolvedTerrain(const Scenario& scenario);
 
-// The scenario as TOML: every key with its value, unit, range, default and meaning. Read back, it is the
-// same.
+// The scenario as TOML: every key with its value, unit, range, default and meaning. Loading it gives the same
+// scenario.
 [[nodiscard]] std::string scenarioToml(const Scenario& scenario);
 
 }  // namespace fathom::sim

@@ -1,3 +1,4 @@
+#include "realtime/base/units.hpp"
 #include "sim/scenario/scenario.hpp"
 
 namespace fathom::sim {
@@ -8,16 +9,16 @@ constexpr double kMaxLatency = 10;        // [s]
 constexpr double kLastFault = 100000;     // [s]
 constexpr std::size_t kMaxFaults = 1000;  // of one kind
 
-void visitSpell(KeyVisitor& keys, Spell& spell) {
+void visitTimeSpan(KeyVisitor& keys, TimeSpan& spell) {
   keys.number("from_s", spell.from_s, "s", 0, kLastFault, "since the mission's start");
   keys.number("to_s", spell.to_s, "s", 0, kLastFault, "since the mission's start");
 }
 
-void visitSpells(KeyVisitor& keys, const char* key, std::vector<Spell>& spells, const char* meaning) {
-  keys.listOf(key, spells, kMaxFaults, meaning, [&](Spell& spell) { visitSpell(keys, spell); });
+void visitTimeSpans(KeyVisitor& keys, const char* key, std::vector<TimeSpan>& spells, const char* meaning) {
+  keys.listOf(key, spells, kMaxFaults, meaning, [&](TimeSpan& spell) { visitTimeSpan(keys, spell); });
 }
 
-void visitDvl(KeyVisitor& keys, DvlConfig& c) {
+void visitDvl(KeyVisitor& keys, SimulatedDvlConfig& c) {
   keys.enter("dvl", "Doppler velocity log with four Janus beams");
   keys.number("rate_hz", c.rate_hz, "1/s", 0.1, kMaxRate, "ensembles");
   keys.number("velocity_sigma_mps", c.velocity_sigma_mps, "m/s", 0, 1, "white noise of each axis");
@@ -32,17 +33,17 @@ void visitDvl(KeyVisitor& keys, DvlConfig& c) {
               "that the instrument computes with; the water has its own");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from measurement to arrival");
   keys.number("velocity_sigma_per_m", c.velocity_sigma_per_m, "1/s", 0, 0.1, "more noise, by the altitude");
-  keys.integer("dead_beam", c.dead_beam, 0, 4, "one that hears nothing; 0: all hear");
+  keys.integer("dead_beam", c.dead_beam, 0, 4, "a beam without echo; 0: none");
   keys.number("fish_probability", c.fish_probability, "1", 0, 1,
-              "that a beam of an ensemble ends on something in the water");
+              "that a beam of an ensemble is reflected in the water");
   keys.angle("steepest_deg", c.steepest, 30, 90, "incidence on the seafloor beyond which a beam is lost");
-  keys.number("bubble_depth_m", c.bubble_depth_m, "m", 0, 50, "above it nothing is heard");
+  keys.number("bubble_depth_m", c.bubble_depth_m, "m", 0, 50, "above it there is no bottom lock");
   keys.number("current_north_mps", c.current_north_mps, "m/s", -3, 3, "of the water, for false_bottom");
   keys.number("current_east_mps", c.current_east_mps, "m/s", -3, 3, "of the water, for false_bottom");
-  visitSpells(keys, "outages", c.outages, "silence");
-  visitSpells(keys, "stuck", c.stuck, "the last good ensemble over and over");
-  visitSpells(keys, "false_bottom", c.false_bottom,
-              "locked to a layer half way down, that drifts with the water");
+  visitTimeSpans(keys, "outages", c.outages, "no ensembles");
+  visitTimeSpans(keys, "stuck", c.stuck, "the last good ensemble is repeated");
+  visitTimeSpans(keys, "false_bottom", c.false_bottom,
+                 "locked to a layer at half the range, which drifts with the water");
   keys.leave();
 }
 
@@ -65,7 +66,8 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
                 keys.angle("deg", jump.turn, -360, 360, "added to the heading from then on");
               });
   keys.listOf(
-      "anomalies", c.anomalies, kMaxFaults, "magnetic things on the seafloor", [&](MagneticAnomaly& anomaly) {
+      "anomalies", c.anomalies, kMaxFaults, "magnetic objects on the seafloor",
+      [&](MagneticAnomaly& anomaly) {
         keys.number("north_m", anomaly.north_m, "m", -5000, 5000, "in nav");
         keys.number("east_m", anomaly.east_m, "m", -5000, 5000, "in nav");
         keys.number("radius_m", anomaly.radius_m, "m", 0.1, 1000, "where the error is a third of its peak");
@@ -74,12 +76,12 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
   keys.leave();
 }
 
-// A value in rad that the file holds in degrees, of a unit with degrees in it.
+// A value in rad whose unit contains degrees in the file.
 void inDegrees(KeyVisitor& keys, const char* key, double& value, const char* unit, double most,
                const char* meaning) {
-  double in_degrees = value / degrees(1);
+  double in_degrees = value / degreesToRadians(1);
   keys.number(key, in_degrees, unit, 0, most, meaning);
-  value = degrees(in_degrees);
+  value = degreesToRadians(in_degrees);
 }
 
 void visitGyro(KeyVisitor& keys, GyroConfig& c) {
@@ -92,17 +94,17 @@ void visitGyro(KeyVisitor& keys, GyroConfig& c) {
   keys.leave();
 }
 
-void visitEchoes(KeyVisitor& keys, const char* key, std::vector<UsblEcho>& echoes, const char* meaning,
-                 const char* place) {
-  keys.listOf(key, echoes, kMaxFaults, meaning, [&](UsblEcho& echo) {
-    visitSpell(keys, echo);
+void visitErrorBursts(KeyVisitor& keys, const char* key, std::vector<UsblErrorBurst>& echoes,
+                      const char* meaning, const char* place) {
+  keys.listOf(key, echoes, kMaxFaults, meaning, [&](UsblErrorBurst& echo) {
+    visitTimeSpan(keys, echo);
     keys.number("north_m", echo.north_m, "m", -5000, 5000, place);
     keys.number("east_m", echo.east_m, "m", -5000, 5000, place);
   });
 }
 
 void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
-  keys.enter("usbl", "the ship's acoustic positioning, told to the vehicle over the modem");
+  keys.enter("usbl", "the ship's acoustic positioning, sent to the vehicle over the modem");
   keys.number("period_s", u.period_s, "s", 0.5, 600, "between pings");
   keys.number("range_sigma_m", u.range_sigma_m, "m", 0, 50, "noise of the range");
   keys.angle("angle_sigma_deg", u.angle_sigma, 0, 20, "noise of bearing and elevation");
@@ -112,20 +114,19 @@ void visitPositioning(KeyVisitor& keys, UsblConfig& u, GpsConfig& g) {
   keys.number("delay_s", u.delay_s, "s", 0, 60, "mean, from ping to arrival on board");
   keys.number("outlier_probability", u.outlier_probability, "1", 0, 1, "of a fix");
   keys.number("outlier_m", u.outlier_m, "m", 0, 1000, "mean size of an outlier");
-  keys.angle("misalignment_deg", u.misalignment, -30, 30, "of the transceiver, which the ship does not know");
-  keys.number("offset_north_m", u.offset_north_m, "m", -100, 100,
-              "of the ship's place, which it does not know");
-  keys.number("offset_east_m", u.offset_east_m, "m", -100, 100,
-              "of the ship's place, which it does not know");
+  keys.angle("misalignment_deg", u.misalignment, -30, 30, "of the transceiver, unknown to the ship");
+  keys.number("offset_north_m", u.offset_north_m, "m", -100, 100, "of the ship's position, unknown to it");
+  keys.number("offset_east_m", u.offset_east_m, "m", -100, 100, "of the ship's position, unknown to it");
   keys.number("range_sigma_per_m", u.range_sigma_per_m, "1", 0, 0.2, "more noise of the range, by the range");
   keys.angle("bending_deg", u.bending, 0, 20, "of the ray, downwards");
   keys.angle("heading_wobble_deg", u.heading_wobble, 0, 20,
              "of the ship's compass over minutes, standard deviation");
   keys.number("ship_circle_m", u.ship_circle_m, "m", 0, 1000,
-              "the ship sails about its place; 0: it lies still");
+              "radius of the ship's circle about its place; 0: it is at rest");
   keys.number("ship_lap_s", u.ship_lap_s, "s", 60, 86400, "once round");
-  visitEchoes(keys, "multipath", u.multipath, "fixes that are wrong alike for a while", "added to the fix");
-  visitEchoes(keys, "wrong_targets", u.wrong_targets, "fixes of another transponder", "where it is, in nav");
+  visitErrorBursts(keys, "multipath", u.multipath, "bursts of correlated errors", "added to the fix");
+  visitErrorBursts(keys, "wrong_targets", u.wrong_targets, "fixes of another transponder",
+                   "where it is, in nav");
   keys.leave();
   keys.enter("gps", "at the surface before and after the dive");
   keys.number("rate_hz", g.rate_hz, "1/s", 0.01, kMaxRate, "fixes");
@@ -151,7 +152,7 @@ void visitWater(KeyVisitor& keys, WaterSensorConfig& c) {
 }
 
 void visitBattery(KeyVisitor& keys, BatteryConfig& c) {
-  keys.enter("battery", "the vehicle's, as its management system tells it");
+  keys.enter("battery", "of the vehicle, as its management system reports it");
   keys.number("rate_hz", c.rate_hz, "1/s", 0.01, kMaxRate, "samples");
   keys.number("capacity_wh", c.capacity_wh, "Wh", 1, 1e6, "when full");
   keys.number("start_charge", c.start_charge, "1", 0, 1, "share left at the mission's start");
@@ -168,14 +169,14 @@ void visitBattery(KeyVisitor& keys, BatteryConfig& c) {
 void visitCameraClocks(KeyVisitor& keys, CameraClockConfig& c) {
   keys.enter("cameras", "trigger and clocks; both cameras expose at the same instant");
   keys.number("rate_hz", c.rate_hz, "1/s", 0.1, 30, "pairs");
-  keys.number("exposure_s", c.exposure_s, "s", 1e-5, 0.1, "of the strobes' flash, as the log tells it");
+  keys.number("exposure_s", c.exposure_s, "s", 1e-5, 0.1, "of the strobes' flash, as stated in the log");
   keys.number("left_offset_s", c.left_offset_s, "s", -10, 10, "left clock minus UTC at the start");
   keys.number("right_offset_s", c.right_offset_s, "s", -10, 10, "right clock minus UTC at the start");
   keys.number("left_drift", c.left_drift, "s/s", -1e-3, 1e-3, "of the left clock (50 ppm: 5e-5)");
   keys.number("right_drift", c.right_drift, "s/s", -1e-3, 1e-3, "of the right clock");
   keys.number("known_to_s", c.known_to_s, "s", 0, 1, "largest error of the offsets in mission.toml");
   keys.number("latency_s", c.latency_s, "s", 0, kMaxLatency, "from exposure to arrival");
-  keys.number("right_delay_s", c.right_delay_s, "s", 0, 0.1, "of the right shutter, which nobody tells");
+  keys.number("right_delay_s", c.right_delay_s, "s", 0, 0.1, "of the right shutter, not stated anywhere");
   keys.leave();
 }
 
@@ -200,7 +201,7 @@ void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
   keys.number("amplitude_m", s.tide.amplitude_m, "m", 0, 10, "0: no tide");
   keys.number("period_s", s.tide.period_s, "s", 60, 200000, "of the sinusoid");
   keys.angle("phase_deg", s.tide.phase, -360, 360, "at the mission's start");
-  keys.integer("in_mission", s.tide.in_mission, 0, 1, "1: mission.toml predicts it; 0: it says none");
+  keys.integer("in_mission", s.tide.in_mission, 0, 1, "1: mission.toml predicts it; 0: it has no tide model");
   keys.leave();
   keys.enter("waves", "in the pressure sensor's depth, and in GPS at the surface");
   keys.number("height_m", s.waves.height_m, "m", 0, 10, "significant; 0: none");
@@ -211,7 +212,8 @@ void visitSensors(KeyVisitor& keys, SensorsConfig& s) {
   keys.enter("arrival", "of samples of DVL, compass and depth");
   keys.number("jitter_s", s.arrival.jitter_s, "s", 0, 5,
               "mean of a delay that differs from sample to sample");
-  keys.number("batch_s", s.arrival.batch_s, "s", 0, 10, "handed over in batches so far apart; 0: one by one");
+  keys.number("batch_s", s.arrival.batch_s, "s", 0, 10,
+              "period of the batches in which they arrive; 0: one by one");
   keys.number("stamp_jitter_s", s.arrival.stamp_jitter_s, "s", 0, 1, "standard deviation of the stamps");
   keys.leave();
   keys.leave();

@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/order_statistics.hpp"
-#include "recon/geometry/rigid_alignment.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/geometry/se3.hpp"
 
 namespace fathom::sim {
 namespace {

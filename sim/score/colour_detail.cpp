@@ -5,13 +5,13 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "sim/sea/ground/texture_image.hpp"
 
 namespace fathom::sim {
@@ -42,12 +42,12 @@ std::string byQuantity(const char* name, const Cells& all, double ColourCell::*o
   }
   for (const ColourCell& cell : cells) {
     quantity.push_back(cell.*of);
-    lightness.push_back(labOf(cell.seen).x() - labOf(cell.truth).x());
+    lightness.push_back(labOf(cell.product).x() - labOf(cell.truth).x());
   }
   return out + formatted("   lightness %+.2f\n", correlation(lightness, quantity));
 }
 
-cv::Vec3b pixelOf(const Eigen::Vector3d& linear) {
+cv::Vec3b srgbPixel(const Eigen::Vector3d& linear) {
   cv::Vec3b out;
   for (int c = 0; c < 3; ++c) out[2 - c] = srgbFromLinear(std::clamp(linear(c), 0.0, 1.0));
   return out;
@@ -57,7 +57,7 @@ cv::Vec3b pixelOf(const Eigen::Vector3d& linear) {
 
 const char* colourName(const Eigen::Vector3d& lab) {
   constexpr double kDark = 35, kWhite = 75, kGrey = 8;
-  const double chroma = lab.tail<2>().norm(), turn = 180 / std::numbers::pi;
+  const double chroma = lab.tail<2>().norm(), turn = kDegreesPerRadian;
   if (lab.x() < kDark) return "dark";
   if (chroma < kGrey) return lab.x() > kWhite ? "white" : "grey";
   const double hue = std::fmod(turn * std::atan2(lab.z(), lab.y()) + 360, 360);
@@ -104,8 +104,8 @@ void writeColourMap(const std::filesystem::path& file, const ColourScore& score)
   const auto levelOf = [](double error) { return cv::saturate_cast<std::uint8_t>(255 * error / kMostError); };
   for (const ColourCell& cell : score.squares) {
     const int row = north1 - indexOf(cell.point.x()), column = indexOf(cell.point.y()) - east0;
-    panels[0].at<cv::Vec3b>(row, column) = pixelOf(cell.truth);
-    panels[1].at<cv::Vec3b>(row, column) = pixelOf(cell.seen);
+    panels[0].at<cv::Vec3b>(row, column) = srgbPixel(cell.truth);
+    panels[1].at<cv::Vec3b>(row, column) = srgbPixel(cell.product);
     level.at<std::uint8_t>(row, column) = levelOf(cell.error);
   }
   cv::applyColorMap(level, colours, cv::COLORMAP_INFERNO);

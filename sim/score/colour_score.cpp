@@ -10,28 +10,27 @@
 #include <limits>
 #include <map>
 #include <memory>
-#include <numbers>
 #include <utility>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/sea/ground/texture_image.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr std::size_t kPoints = 300'000;  // of a product
-constexpr double kDarkest = 1e-4;         // linear; what is darker has no colour
+constexpr std::size_t kPoints = 300'000;  // sampled from a product
+constexpr double kDarkest = 1e-4;         // least linear value with a colour
 
 Eigen::Vector3d linearOf(const std::uint8_t* rgb) {
   return Eigen::Vector3f(linearFromSrgb(rgb[0]), linearFromSrgb(rgb[1]), linearFromSrgb(rgb[2]))
       .cast<double>();
 }
 
-// What falls into one square.
-struct Cell {
-  Eigen::Vector3d seen = Eigen::Vector3d::Zero(), truth = Eigen::Vector3d::Zero(),
+// Sums of what falls into one square.
+struct SquareSums {
+  Eigen::Vector3d product = Eigen::Vector3d::Zero(), truth = Eigen::Vector3d::Zero(),
                   point = Eigen::Vector3d::Zero();
   double count = 0;
 };
@@ -110,35 +109,35 @@ std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points
                                         const SE3& T_truth_nav, const Camera& camera,
                                         const std::vector<SE3>& cameras) {
   constexpr double kFar = 0.1;  // of the truth: another surface [m]
-  std::map<std::pair<std::int32_t, std::int32_t>, Cell> cells;
+  std::map<std::pair<std::int32_t, std::int32_t>, SquareSums> cells;
   for (const ColouredPoint& p : points) {
     const Eigen::Vector3d at = T_truth_nav * p.point;
     const TruthSurface::Nearest nearest = truth.nearest(at);
     if (nearest.distance > kFar) continue;
-    Cell& cell = cells[{static_cast<std::int32_t>(std::floor(at.x() / kColourCell)),
-                        static_cast<std::int32_t>(std::floor(at.y() / kColourCell))}];
-    cell.seen += p.linear;
+    SquareSums& cell = cells[{static_cast<std::int32_t>(std::floor(at.x() / kColourCell)),
+                              static_cast<std::int32_t>(std::floor(at.y() / kColourCell))}];
+    cell.product += p.linear;
     cell.truth += nearest.linear;
     cell.point += at;
     ++cell.count;
   }
-  std::vector<Cell> all;
+  std::vector<SquareSums> all;
   for (auto& [place, cell] : cells) {
-    cell.seen /= cell.count, cell.truth /= cell.count, cell.point /= cell.count;
-    if (cell.seen.minCoeff() > kDarkest && cell.truth.minCoeff() > kDarkest) all.push_back(cell);
+    cell.product /= cell.count, cell.truth /= cell.count, cell.point /= cell.count;
+    if (cell.product.minCoeff() > kDarkest && cell.truth.minCoeff() > kDarkest) all.push_back(cell);
   }
   if (all.empty()) return {};
   ColourScore out;
   for (Eigen::Index c = 0; c < 3; ++c) {
     std::vector<double> ratios;
-    for (const Cell& cell : all) ratios.push_back(cell.truth(c) / cell.seen(c));
+    for (const SquareSums& cell : all) ratios.push_back(cell.truth(c) / cell.product(c));
     out.gains(c) = median(ratios);
   }
   std::vector<double> errors, chroma, depths, ranges;
-  for (const Cell& cell : all) {
+  for (const SquareSums& cell : all) {
     ColourCell& square = out.squares.emplace_back();
-    square = {cell.point, cell.truth, cell.seen.cwiseProduct(out.gains)};
-    const Eigen::Vector3d a = labOf(square.truth), b = labOf(square.seen);
+    square = {cell.point, cell.truth, cell.product.cwiseProduct(out.gains)};
+    const Eigen::Vector3d a = labOf(square.truth), b = labOf(square.product);
     square.error = ciede2000(a, b);
     square.depth = cell.point.z();
     square.range = std::numeric_limits<double>::infinity();

@@ -6,26 +6,26 @@
 #include <vector>
 
 #include "recon/geometry/camera.hpp"
-#include "recon/geometry/colour_difference.hpp"
+#include "recon/geometry/colour.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/se3.hpp"
 #include "sim/score/truth_surface.hpp"
 
 namespace fathom::sim {
 
-// One square in plan: what is there and what the product says, linear, after its white balance.
+// One square in plan: linear colours of the truth and of the product after its white balance.
 struct ColourCell {
-  Eigen::Vector3d point, truth, seen;  // point: in the truth's nav [m]
-  double error = 0;                    // CIEDE2000
-  double range = 0, depth = 0;         // from the nearest camera; [m]
-  double height = 0;                   // in that camera's image, 0 top to 1 bottom; NaN: outside of it
+  Eigen::Vector3d point, truth, product;  // point: in the truth's nav [m]
+  double error = 0;                       // CIEDE2000
+  double range = 0, depth = 0;            // from the nearest camera; [m]
+  double height = 0;                      // in that camera's image, 0 top to 1 bottom; NaN: outside of it
 };
 
 // Pearson's; 0 where one of them does not vary.
 [[nodiscard]] double correlation(const std::vector<double>& a, const std::vector<double>& b);
 
 // Errors of a product's colours against the truth's albedo (CIEDE2000), over squares of kColourCell in plan,
-// after one gain for each channel in linear light: white balance and exposure, which no image tells.
+// after one gain for each channel in linear light, since images do not determine white balance and exposure.
 struct ColourScore {
   double median = 0, p95 = 0;
   double chroma = 0;                                // median distance in a*, b* alone
@@ -47,7 +47,7 @@ struct ColouredPoint {
 [[nodiscard]] std::vector<ColouredPoint> colouredPoints(const std::filesystem::path& orthomosaic,
                                                         const TruthSurface& truth, const SE3& T_truth_nav);
 
-// `T_truth_nav`: takes the product's points onto the truth. `camera`, `cameras`: what took the images, and
+// `T_truth_nav` maps the product's points onto the truth. `camera`, `cameras`: the camera of the images and
 // its poses in nav. None where no square has points.
 [[nodiscard]] std::optional<ColourScore> scoreColours(const std::vector<ColouredPoint>& points,
                                                       const TruthSurface& truth, const SE3& T_truth_nav,

@@ -2,13 +2,13 @@
 
 #include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "sim/score/colour_detail.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
@@ -16,7 +16,7 @@
 namespace fathom::sim {
 namespace {
 
-// One program's estimates: its trajectory, its surface, and where the surface's alignment begins.
+// Scores the estimates of each program against the truth of one mission.
 class Scorer {
  public:
   Scorer(const std::filesystem::path& mission, ScoreReport& report)
@@ -27,7 +27,7 @@ class Scorer {
 
   void scoreDeadReckoning() {
     const auto file = paths_.onboard() / "odometry.csv";
-    if (!there(file)) return;
+    if (!existsOrNote(file)) return;
     report_.dead_reckoning = scoreOdometry(io::readTrajectory(file), truth_);
     if (!report_.dead_reckoning) note(file, "shares no time with the truth");
   }
@@ -36,7 +36,7 @@ class Scorer {
                     std::optional<TrajectoryScore>& trajectory, std::optional<SurfaceScore>& surface) {
     start_ = SE3();
     const auto poses = folder / "stereo_pose_est.data";
-    if (there(poses)) {
+    if (existsOrNote(poses)) {
       const CameraTracks tracks = pairTracks(io::readStereoPoses(poses), truth_, config_);
       if (tracks.truth.empty()) {
         note(poses, "shares no time with the truth");
@@ -48,7 +48,7 @@ class Scorer {
       }
     }
     const auto file = folder / mesh_name;
-    if (!there(file)) return;
+    if (!existsOrNote(file)) return;
     const Mesh mesh = readPly(file);
     if (sampleSurface(mesh, 1).empty()) {
       note(file, "has no surface");
@@ -62,7 +62,8 @@ class Scorer {
 
   // In the frame of the surface that was scored last.
   void scoreOrthomosaic(const std::filesystem::path& file) {
-    if (surface_ && there(file)) addColours("orthomosaic", colouredPoints(file, *surface_, alignment_));
+    if (surface_ && existsOrNote(file))
+      addColours("orthomosaic", colouredPoints(file, *surface_, alignment_));
   }
 
   // A mesh in the frame of the program that was scored last.
@@ -80,7 +81,7 @@ class Scorer {
       report_.colours.emplace_back(name, *score);
   }
 
-  bool there(const std::filesystem::path& file) {
+  bool existsOrNote(const std::filesystem::path& file) {
     if (std::filesystem::exists(file)) return true;
     note(file, "is absent: not scored");
     return false;
@@ -89,13 +90,13 @@ class Scorer {
     report_.notes.push_back(file.lexically_relative(paths_.root).string() + " " + what);
   }
 
-  // Of the mission.toml and stereo.calib that are true: what the vehicle was told may be wrong. Missions made
-  // elsewhere have one only.
+  // Folder of the true mission.toml and stereo.calib: those in the mission's root may have calibration
+  // errors. Other missions have only these.
   [[nodiscard]] std::filesystem::path trueFolder() const {
     return std::filesystem::exists(io::MissionPaths(paths_.truth()).calib()) ? paths_.truth() : paths_.root;
   }
 
-  // The true surface is large: it is read when the first estimate asks for it.
+  // Reads the true surface, which is large, when the first estimate needs it.
   void prepareSurface() {
     if (surface_) return;
     const auto file = paths_.truth() / "terrain.ply";
@@ -108,7 +109,7 @@ class Scorer {
       if (const auto pose = truth_.poseAt(utc_ns)) poses.push_back(*pose * config_.T_body_cam);
     }
     if (poses.empty()) note(paths_.truth() / "images.csv", "lists no exposures: coverage is 0");
-    seen_ = seenSeafloor(*surface_, rig_.left, poses);
+    seen_ = visibleSeafloor(*surface_, rig_.left, poses);
     cameras_ = std::move(poses);
   }
 
@@ -117,7 +118,7 @@ class Scorer {
   TruthTrack truth_;
   ScoreReport& report_;
   std::unique_ptr<TruthSurface> surface_;
-  SeenSeafloor seen_;
+  VisibleSeafloor seen_;
   StereoRig rig_;
   std::vector<SE3> cameras_;  // true poses
   SE3 start_;                 // of the alignment, from the last trajectory
@@ -142,10 +143,10 @@ nlohmann::ordered_json toJson(const std::optional<TrajectoryScore>& score, bool 
   return json;
 }
 
-// A small motion: how far it shifts the origin, and how far it turns about which axis.
+// A small motion: shift of the origin, and rotation vector.
 nlohmann::ordered_json toJson(const SE3& motion) {
   const Eigen::AngleAxisd turn(motion.rotation());
-  const Eigen::Vector3d angles = turn.angle() * turn.axis() * 180.0 / std::numbers::pi;
+  const Eigen::Vector3d angles = (turn.angle() * turn.axis()).unaryExpr(&radiansToDegrees);
   return {{"north_m", motion.translation().x()}, {"east_m", motion.translation().y()},
           {"down_m", motion.translation().z()},  {"about_north_deg", angles.x()},
           {"about_east_deg", angles.y()},        {"about_down_deg", angles.z()}};
@@ -168,23 +169,22 @@ nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
   return json;
 }
 
-std::string told(const std::optional<double>& value, int digits, double unit = 1) {
+std::string decimalsOrDash(const std::optional<double>& value, int digits, double unit = 1) {
   return value ? decimals(*value / unit, digits) : "-";
 }
 
 void trajectoryRow(std::string& out, const char* name, const std::optional<TrajectoryScore>& s) {
-  constexpr double kDegree = std::numbers::pi / 180;
   const auto cell = [&](int width, const std::string& text) {
     out +=
         std::string(static_cast<std::size_t>(width) - std::min<std::size_t>(text.size(), width), ' ') + text;
   };
   out += formatted("  %-16s", name);
-  cell(8, s ? told(s->rms_m, 4) : "-");
-  cell(10, s ? told(s->aligned_rms_m, 4) : "-");
-  cell(11, s ? told(s->crossover_rms_m, 4) : "-");
-  cell(8, s ? told(s->tilt_rms_rad, 2, kDegree) : "-");
-  cell(9, s ? told(s->heading_rms_rad, 2, kDegree) : "-");
-  cell(7, s ? told(s->nees, 1) : "-");
+  cell(8, s ? decimalsOrDash(s->rms_m, 4) : "-");
+  cell(10, s ? decimalsOrDash(s->aligned_rms_m, 4) : "-");
+  cell(11, s ? decimalsOrDash(s->crossover_rms_m, 4) : "-");
+  cell(8, s ? decimalsOrDash(s->tilt_rms_rad, 2, kRadiansPerDegree) : "-");
+  cell(9, s ? decimalsOrDash(s->heading_rms_rad, 2, kRadiansPerDegree) : "-");
+  cell(7, s ? decimalsOrDash(s->nees, 1) : "-");
   cell(8, s && s->inside ? decimals(100 * *s->inside, 1) + "%" : "-");
   cell(8, s ? std::to_string(s->poses) : "-");
   out += "\n";
@@ -244,8 +244,9 @@ std::string scoreTable(const ScoreReport& report) {
                      s.chroma, s.with_depth, s.with_range, s.squares.size());
   if (!report.colours.empty())
     out +=
-        "where: bounds of thirds, median and 95 % of each, lightness' correlation; what: median, 95 %, "
-        "squares\n";
+        "by quantity: bounds of thirds, median and 95 % of each, correlation of lightness; by colour: "
+        "median, "
+        "95 %, squares\n";
   for (const auto& [name, s] : report.colours) out += "  " + name + "\n" + colourDetail(s);
   return out;
 }

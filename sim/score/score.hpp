@@ -18,8 +18,8 @@ struct TrajectoryScore {
   std::optional<double> crossover_rms_m;  // of relative positions between passes; absent without crossovers
   // Angles between estimated and true axes: of the vertical, and about it [rad].
   std::optional<double> tilt_rms_rad, heading_rms_rad;
-  // Squared errors over the covariance that the poses were given with, 6 degrees of freedom: mean, and share
-  // below chi-square's 95 %. Absent without covariances.
+  // Normalised estimation error squared (6 degrees of freedom) by the poses' stated covariances: mean, and
+  // fraction below chi-square's 95 % quantile. Absent without covariances.
   std::optional<double> nees, inside;
   std::size_t poses = 0;
 };
@@ -27,28 +27,27 @@ struct TrajectoryScore {
 // Errors of an estimated surface: distances from points spread evenly over its area to the true surface.
 struct SurfaceScore {
   double rms_m = 0, p50_m = 0, p95_m = 0, p99_m = 0;  // in nav
-  double bias_m = 0;  // mean signed distance: positive where the estimate lies above the truth
+  double bias_m = 0;  // mean signed distance: positive where the estimate is above the truth
   // After the best rigid motion of the whole (point-to-plane ICP): T_truth_estimate.
   SE3 alignment;
   double aligned_rms_m = 0, aligned_bias_m = 0, aligned_p95_m = 0;
-  double coverage = 0;  // part of the seafloor that the cameras saw, in plan, with an aligned estimate
-  // Part of the true points that the cameras saw with an aligned estimate no further off than kComplete.
+  double coverage = 0;  // fraction of the seen seafloor in plan that the aligned estimate covers
+  // Fraction of the seen true points with the aligned estimate within kComplete.
   double completeness = 0;
   static constexpr double kComplete = 0.033;  // the default voxel [m]
 };
 
 struct ScoreReport {
-  std::vector<std::pair<std::string, ColourScore>> colours;  // of what has colour
+  std::vector<std::pair<std::string, ColourScore>> colours;  // of each product with colours
   std::optional<TrajectoryScore> dead_reckoning, onboard, topside;
   std::optional<SurfaceScore> onboard_surface, topside_surface;
   std::vector<std::pair<std::string, SurfaceScore>> surfaces;  // of further files, by their names
-  std::vector<std::string> notes;                              // what is missing, and why
+  std::vector<std::string> notes;                              // missing parts and the reasons
 };
 
 // Compares <mission>/onboard and <mission>/topside, and `surfaces` (PLY meshes in nav, such as one level of
-// the model), with <mission>/truth. What a program did not write is noted and left out. Same files, same
-// numbers. Throws InputError for a mission without truth, for damaged files and for surfaces without
-// triangles.
+// the model), with <mission>/truth. Missing files are noted and left out. The result is deterministic. Throws
+// InputError for a mission without truth, for damaged files and for surfaces without triangles.
 [[nodiscard]] ScoreReport scoreMission(const std::filesystem::path& mission,
                                        const std::vector<std::filesystem::path>& surfaces = {});
 

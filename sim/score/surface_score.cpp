@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -14,7 +14,7 @@ namespace {
 constexpr std::size_t kSamples = 100'000;          // of the distances
 constexpr std::size_t kAlignmentSamples = 10'000;  // of the alignment
 
-std::pair<std::int32_t, std::int32_t> cellOf(const Eigen::Vector3d& p) {
+std::pair<std::int32_t, std::int32_t> planCellOf(const Eigen::Vector3d& p) {
   return {static_cast<std::int32_t>(std::floor(p.x() / kPlanCell)),
           static_cast<std::int32_t>(std::floor(p.y() / kPlanCell))};
 }
@@ -47,7 +47,7 @@ void sortMagnitudes(std::vector<double>& values) {
   std::sort(values.begin(), values.end());
 }
 
-// Part of the true points that lie near the estimate after its motion.
+// Fraction of the true points within kComplete of the estimate after its motion.
 double completeness(const Mesh& estimate, const SE3& motion, const Points& seen) {
   if (seen.empty()) return 0;
   const TruthSurface surface(estimate);
@@ -100,8 +100,8 @@ Points sampleSurface(const Mesh& mesh, std::size_t count) {
   return points;
 }
 
-SeenSeafloor seenSeafloor(const TruthSurface& truth, const Camera& camera,
-                          const std::vector<SE3>& T_nav_cam) {
+VisibleSeafloor visibleSeafloor(const TruthSurface& truth, const Camera& camera,
+                                const std::vector<SE3>& T_nav_cam) {
   constexpr int kAcross = 64, kDown = 48;  // rays a pose: 7 cm apart at 6 m
   std::vector<Eigen::Vector3d> rays;
   for (int row = 0; row < kDown; ++row) {
@@ -110,15 +110,15 @@ SeenSeafloor seenSeafloor(const TruthSurface& truth, const Camera& camera,
           {(column + 0.5) / kAcross * camera.width - 0.5, (row + 0.5) / kDown * camera.height - 0.5}));
     }
   }
-  // One of so many hits is kept; it shares no factor with the rays of a row or an image.
+  // One of `every` hits is kept; `every` is odd, to have no factor in common with the rays of a row.
   const std::size_t every = (T_nav_cam.size() * rays.size() / kSamples) | 1U;
-  SeenSeafloor seen;
+  VisibleSeafloor seen;
   std::size_t hits = 0;
   for (const SE3& pose : T_nav_cam) {
     for (const Eigen::Vector3d& ray : rays) {
       const auto hit = truth.castRay(pose.translation(), pose.rotation() * ray);
       if (!hit) continue;
-      seen.cells.insert(cellOf(*hit));
+      seen.cells.insert(planCellOf(*hit));
       if (hits++ % every == 0) seen.points.push_back(*hit);
     }
   }
@@ -138,7 +138,7 @@ PlanCells meshCells(const Mesh& mesh, const SE3& motion) {
     const int steps = std::clamp(static_cast<int>(std::ceil(longest / kStep)), 1, kMostSteps);
     for (int i = 0; i <= steps; ++i) {
       for (int j = 0; i + j <= steps; ++j) {
-        const auto cell = cellOf(a + ab * i / steps + ac * j / steps);
+        const auto cell = planCellOf(a + ab * i / steps + ac * j / steps);
         if (cell == last) continue;
         cells.insert(cell);
         last = cell;
@@ -148,7 +148,7 @@ PlanCells meshCells(const Mesh& mesh, const SE3& motion) {
   return cells;
 }
 
-SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth, const SeenSeafloor& seen,
+SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth, const VisibleSeafloor& seen,
                           const SE3& start) {
   SurfaceScore score;
   const Points points = sampleSurface(estimate, kSamples);

@@ -16,7 +16,7 @@
 
 namespace fathom::sim {
 
-// Squares of seafloor in plan, by their number north and east.
+// Squares of seafloor in plan, by their indices north and east.
 using PlanCells = std::set<std::pair<std::int32_t, std::int32_t>>;
 constexpr double kPlanCell = 0.10;  // edge [m]
 
@@ -25,21 +25,21 @@ constexpr double kPlanCell = 0.10;  // edge [m]
 void forSurface(const Mesh& mesh, std::size_t count,
                 const std::function<void(const std::array<std::uint32_t, 3>& triangle, double u, double v,
                                          const Eigen::Vector3d& point)>& visit);
-// These points.
+// The points of forSurface().
 [[nodiscard]] Points sampleSurface(const Mesh& mesh, std::size_t count);
 
-// What a camera saw of the true surface from its poses.
-struct SeenSeafloor {
+// The part of the true surface seen by a camera from its poses.
+struct VisibleSeafloor {
   PlanCells cells;
-  Points points;  // of these, spread over the poses and their images
+  Points points;  // samples, spread over the poses and their images
 };
-[[nodiscard]] SeenSeafloor seenSeafloor(const TruthSurface& truth, const Camera& camera,
-                                        const std::vector<SE3>& T_nav_cam);
-// The squares that hold a piece of the mesh after `motion`.
+[[nodiscard]] VisibleSeafloor visibleSeafloor(const TruthSurface& truth, const Camera& camera,
+                                              const std::vector<SE3>& T_nav_cam);
+// The squares that contain a part of the mesh after `motion`.
 [[nodiscard]] PlanCells meshCells(const Mesh& mesh, const SE3& motion);
 
-// `start`: where the alignment begins, from the trajectory; identity when there is none.
+// `start`: initial alignment, from the trajectory; identity without one.
 [[nodiscard]] SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth,
-                                        const SeenSeafloor& seen, const SE3& start);
+                                        const VisibleSeafloor& seen, const SE3& start);
 
 }  // namespace fathom::sim

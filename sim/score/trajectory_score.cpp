@@ -5,8 +5,9 @@
 #include <cmath>
 #include <utility>
 
-#include "firmware_if/files/images/image_times.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/geometry/geodesy.hpp"
 
 namespace fathom::sim {
@@ -97,8 +98,7 @@ CameraTracks pairTracks(const io::StereoPoseFile& file, const TruthTrack& truth,
   const LocalTransverseMercator from(file.origin), to(mission.origin);
   CameraTracks tracks;
   for (const io::StereoPose& pose : file.poses) {
-    const std::int64_t utc_ns =
-        truth.exposureOf(pose.left_image).value_or(static_cast<std::int64_t>(std::llround(pose.utc_s * 1e9)));
+    const std::int64_t utc_ns = truth.exposureOf(pose.left_image).value_or(rt::nanoseconds(pose.utc_s));
     const auto T_nav_body = truth.poseAt(utc_ns);
     if (!T_nav_body) continue;
     Eigen::Vector3d estimate = pose.T_nav_cam.translation();

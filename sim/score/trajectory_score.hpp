@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 #include "sim/score/alignment.hpp"
 #include "sim/score/score.hpp"
 
@@ -48,13 +48,13 @@ struct CameraTracks {
   std::vector<double> time_s;
   std::vector<std::string> left_images;
 };
-// Pairs each estimated pose with the truth by its left image, else by its time. `file` in another origin's
-// frame is brought into the mission's.
+// Pairs each estimated pose with the truth by its left image, else by its time. Poses of another origin are
+// transformed into the mission's frame.
 [[nodiscard]] CameraTracks pairTracks(const io::StereoPoseFile& file, const TruthTrack& truth,
                                       const io::MissionConfig& mission);
 
 [[nodiscard]] TrajectoryScore scoreTrack(const CameraTracks& tracks);
-// Adds what covariances say of their own poses.
+// Adds NEES by the stated covariances of the poses.
 void scoreCovariances(const CameraTracks& tracks, const std::vector<io::PoseCovariance>& covariances,
                       TrajectoryScore& score);
 

@@ -8,7 +8,7 @@
 
 namespace fathom::sim {
 
-// A true surface that answers where its nearest point is, under Embree. Many threads may ask at once.
+// The true surface with nearest-point and ray queries (Embree). Thread-safe.
 class TruthSurface {
  public:
   // Throws std::invalid_argument for a mesh without triangles.
@@ -25,7 +25,7 @@ class TruthSurface {
   };
   // The nearest point on any triangle.
   [[nodiscard]] Nearest nearest(const Eigen::Vector3d& from) const;
-  // Where a ray meets the surface first.
+  // First hit of a ray.
   [[nodiscard]] std::optional<Eigen::Vector3d> castRay(const Eigen::Vector3d& from,
                                                        const Eigen::Vector3d& direction) const;
 

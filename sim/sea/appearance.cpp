@@ -7,7 +7,7 @@
 
 namespace fathom::sim {
 
-Appearance::Appearance(const Terrain& terrain)
+Appearance::Appearance(const SeaTerrain& terrain)
     : terrain_(terrain), detail_(SurfaceDetail::of(terrain.config())) {}
 
 std::optional<Appearance::Look> Appearance::look(const Eigen::Vector3d& origin,

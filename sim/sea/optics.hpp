@@ -4,12 +4,12 @@
 #include <array>
 #include <vector>
 
+#include "realtime/base/units.hpp"
 #include "recon/geometry/image_view.hpp"
-#include "sim/scenario/degrees.hpp"
 
 namespace fathom::sim {
 
-// Per channel red, green, blue; a mono camera sees the mean of the three, weighted by `quantum_efficiency`.
+// Red, green, blue; a mono camera sees their mean, weighted by `quantum_efficiency`.
 using Channels = std::array<double, 3>;
 
 struct StrobeConfig {
@@ -20,10 +20,10 @@ struct StrobeConfig {
   double dies_at_s = 1e6;                   // dark from then on [s], since the mission's start
 };
 
-// Silt that thrusters raise.
+// Silt raised by thrusters.
 struct Silt {
   double at_s = 0;        // since the mission's start
-  double times = 5;       // scattering over its usual
+  double times = 5;       // factor on the scattering
   double settles_s = 30;  // time constant
 };
 
@@ -32,11 +32,11 @@ struct WaterConfig {
   Channels absorption_per_m{0.34, 0.065, 0.045};
   Channels scattering_per_m{0.06, 0.07, 0.08};
   double backscatter_fraction = 0.02;  // of the scattered light that turns back
-  double patches = 0;                  // how far scattering follows the patches of sediment; 1: as they do
-  double forward_per_m = 0;            // of the light that small angles spread, on its way to the camera
-  double forward_rad = degrees(0.5);   // standard deviation of the spread
-  double snow_per_m3 = 0;              // particles above 0.5 mm
-  double snow_slope = 4;               // their number falls with size as d^-slope
+  double patches = 0;                  // factor on the scattering's variation with the patches of sediment
+  double forward_per_m = 0;  // of the light that small-angle scattering spreads on its path to the camera
+  double forward_rad = degreesToRadians(0.5);  // standard deviation of the spread
+  double snow_per_m3 = 0;                      // particles above 0.5 mm
+  double snow_slope = 4;                       // their number falls with size as d^-slope
   double snow_largest_mm = 8;
   double snow_albedo = 0.4;
   std::vector<Silt> silt{};
@@ -44,16 +44,16 @@ struct WaterConfig {
 
 // Sun and sky. An irradiance of 1 is that of a strobe of intensity 1, 1 m away, without water.
 struct DaylightConfig {
-  double irradiance = 0;                   // just below the surface; 0: night, or deep
-  double sun_elevation_rad = degrees(50);  // in air
-  double sun_azimuth_rad = degrees(30);    // clockwise from north
-  double sun_share = 0.6;                  // of the irradiance; the rest comes from the sky
-  double caustics = 0;                     // standard deviation of the sun's part on the seafloor, relative
-  double caustic_size_m = 0.4;             // of the cells between bright lines
-  double caustic_period_s = 1.5;           // in which they change
+  double irradiance = 0;                            // just below the surface; 0: night, or deep
+  double sun_elevation_rad = degreesToRadians(50);  // in air
+  double sun_azimuth_rad = degreesToRadians(30);    // clockwise from north
+  double sun_share = 0.6;                           // of the irradiance; the rest comes from the sky
+  double caustics = 0;            // standard deviation of the sun's part on the seafloor, relative
+  double caustic_size_m = 0.4;    // of the cells between bright lines
+  double caustic_period_s = 1.5;  // in which they change
 };
 
-struct SensorConfig {
+struct ImageSensorConfig {
   PixelFormat left_format = PixelFormat::kBayerRggb;  // kMono or kBayerRggb
   PixelFormat right_format = PixelFormat::kMono;
   int bits = 12;  // 8 or 12
@@ -69,10 +69,10 @@ struct SensorConfig {
   double exposure_distance_m = 2.0;
   double right_gain = 1.0;   // of the right camera over the left one's
   double auto_exposure = 0;  // 0: fixed; 1: the time follows the altitude so that the level stays
-  double open_s = 0;         // how long the image gathers light: blurs what moves; 0: an instant
+  double open_s = 0;         // exposure time that causes motion blur; 0: none
   double aperture_mm = 0;    // of the lens; 0: everything is in focus
   double focus_m = 2.0;
-  double glare = 0;  // of a strobe's light a metre away that lens and port throw over the image
+  double glare = 0;  // fraction of a strobe's light at 1 m that lens and port scatter over the image
 };
 
 struct OpticsConfig {
@@ -80,13 +80,13 @@ struct OpticsConfig {
                                     {{-0.75, 0.0, 0.0}, {0.18, 0.0, 1.0}, 1.0, 0.70}};
   WaterConfig water;
   DaylightConfig daylight;
-  SensorConfig sensor;
+  ImageSensorConfig sensor;
   double flash_sigma = 0;          // of the strobes' energy from pair to pair, relative
-  double dark_probability = 0;     // that they stay dark in a pair
-  double misfire_probability = 0;  // that one of them does, each by itself
-  double vibration_rad = 0;        // amplitude of the hull's, roll and pitch; no sensor sees it
+  double dark_probability = 0;     // that all strobes stay dark in a pair
+  double misfire_probability = 0;  // that one strobe stays dark, each independently
+  double vibration_rad = 0;        // amplitude of the hull's roll and pitch, which no sensor measures
   double vibration_hz = 25;
-  int edge_samples = 4;  // rays for a pixel on an edge of a thing or of a shadow; 1, 4 or 8
+  int edge_samples = 4;  // rays of a pixel on an edge of an object or shadow; 1, 4 or 8
 };
 
 // Throws std::invalid_argument that names the member and its range.

@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "sim/sea/ground/moving_things.hpp"
+#include "sim/sea/ground/moving_objects.hpp"
 #include "sim/sea/light/camera_rays.hpp"
 #include "sim/sea/light/daylight.hpp"
 #include "sim/sea/light/image_sensor.hpp"
@@ -23,42 +23,41 @@
 namespace fathom::sim {
 namespace {
 
-// Moving things farther than this from the camera are left out of its picture [m].
+// Moving objects farther than this from the camera are left out of its picture [m].
 constexpr float kMovingRadius = 9.0F;
 
-// An edge: the inverse range bends by more than this part of itself from pixel to pixel (on a plane it does
-// not bend).
+// Relative second difference of the inverse range that makes a pixel an edge (it is zero on a plane).
 constexpr float kEdgeBend = 0.004F;
 
-// Where the rays of an edge pixel go, in pixels off its centre: rotated grids of 4 and of 8.
+// Offsets of the rays of an edge pixel from its centre [px]: rotated grids of 4 and of 8.
 constexpr float kSamples4[4][2] = {
     {-0.125F, -0.375F}, {0.375F, -0.125F}, {0.125F, 0.375F}, {-0.375F, 0.125F}};
 constexpr float kSamples8[8][2] = {{0.0625F, -0.1875F},  {-0.0625F, 0.1875F}, {0.3125F, 0.0625F},
                                    {-0.1875F, -0.3125F}, {-0.3125F, 0.3125F}, {-0.4375F, -0.0625F},
                                    {0.1875F, 0.4375F},   {0.4375F, -0.4375F}};
 
-// Lamps and water as one camera has them.
+// Strobes and water for one camera.
 struct Light {
   Light(const OpticsConfig& optics, const Camera& camera, const SE3& T_body_cam)
       : attenuation(optics.water),
         beams(optics.strobes.begin(), optics.strobes.end()),
         backscatter(optics, attenuation, beams, camera, T_body_cam) {}
-  Attenuation attenuation;
+  WaterAttenuation attenuation;
   std::vector<Beam> beams;
   Backscatter backscatter;
 };
 
-struct View {
+struct CameraView {
   Camera camera;
   SE3 T_body_cam;
   PixelFormat format;
   CameraRays rays;
-  Light light;                    // as usual
+  Light light;                    // without disturbances
   std::vector<float> vignetting;  // of each pixel
 };
 
-// Tiles of fixed places, so that the same rays always travel in the same bundle: Embree's results may differ
-// in the last bit from bundle to bundle.
+// Tiles at fixed places, so that the same rays are always in the same bundle: Embree's results may differ in
+// the last bit between bundles.
 constexpr int kTileRows = 16, kTileColumns = 64;
 
 // Calls work(y, x_begin, x_end) for each row of each tile, tiles in parallel.
@@ -72,46 +71,37 @@ void forTiles(int width, int height, const Work& work) {
   });
 }
 
-// A strobe as a camera would see it, for its glare.
-struct LampSeen {
-  Eigen::Vector3d direction;  // unit, in the camera's frame
-  double strength;            // over the image, towards the lamp
+// An image before the sensor.
+struct RadianceImage {
+  RadianceImage(int w, int h, std::size_t count)
+      : width(w),
+        height(h),
+        channels(count),
+        radiance(at(0, h) * count),
+        inverse_range(at(0, h)),
+        lit(at(0, h)) {}
+  [[nodiscard]] std::size_t at(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+  }
+  int width, height;
+  std::size_t channels;              // 1 or 3, interleaved
+  std::vector<float> radiance;       // of each channel
+  std::vector<float> inverse_range;  // of the surface [1/m]
+  std::vector<std::uint8_t> lit;     // bit s: strobe s shines on the surface
 };
-
-std::vector<LampSeen> lampsSeen(const View& view, const OpticsConfig& lamps) {
-  std::vector<LampSeen> out;
-  for (const StrobeConfig& strobe : lamps.strobes) {
-    const Eigen::Vector3d to = view.T_body_cam.inverse() * strobe.position_body;
-    out.push_back(
-        {to.normalized(), lamps.sensor.glare * strobe.intensity / to.squaredNorm() / std::numbers::pi});
-  }
-  return out;
-}
-
-float glareAt(const std::vector<LampSeen>& lamps, const Eigen::Vector2f& ray) {
-  constexpr double kWide = 0.3;  // angle off the lamp at which it has fallen to a quarter [rad]
-  const Eigen::Vector3d direction = ray.homogeneous().cast<double>().normalized();
-  double sum = 0;
-  for (const LampSeen& lamp : lamps) {
-    const double angle = std::acos(std::clamp(direction.dot(lamp.direction), -1.0, 1.0));
-    const double fall = kWide / (kWide + angle);
-    sum += lamp.strength * fall * fall;
-  }
-  return static_cast<float>(sum);
-}
 
 }  // namespace
 
 struct Renderer::Impl {
-  const Terrain& terrain;
+  const SeaTerrain& terrain;
   OpticsConfig optics;
   SurfaceDetail detail;
-  MovingThings moving;
+  MovingObjects moving;
   ImageSensor sensor;
-  View views[2];
+  CameraView views[2];
   float electrons_per_radiance = 0;
 
-  Impl(const Terrain& t, const OpticsConfig& o, const StereoRig& rig, const SE3& T_body_cam)
+  Impl(const SeaTerrain& t, const OpticsConfig& o, const StereoRig& rig, const SE3& T_body_cam)
       : terrain(t),
         optics(o),
         detail(SurfaceDetail::of(t.config())),
@@ -126,8 +116,8 @@ struct Renderer::Impl {
     electrons_per_radiance = static_cast<float>(o.sensor.exposure * o.sensor.full_well_electrons) / reference;
   }
 
-  View makeView(const Camera& camera, const SE3& T_body_cam, PixelFormat format) const {
-    View view{camera, T_body_cam, format, CameraRays(camera), Light(optics, camera, T_body_cam), {}};
+  CameraView makeView(const Camera& camera, const SE3& T_body_cam, PixelFormat format) const {
+    CameraView view{camera, T_body_cam, format, CameraRays(camera), Light(optics, camera, T_body_cam), {}};
     for (int y = 0; y < camera.height; ++y)
       for (int x = 0; x < camera.width; ++x)
         view.vignetting.push_back(static_cast<float>(std::pow(
@@ -135,21 +125,21 @@ struct Renderer::Impl {
     return view;
   }
 
-  // What a mono camera makes of the channels.
+  // Response of a mono camera.
   [[nodiscard]] float mono(const Radiance& radiance) const {
     const Channels& q = optics.sensor.quantum_efficiency;
     return static_cast<float>((q[0] * radiance[0] + q[1] * radiance[1] + q[2] * radiance[2]) /
                               (q[0] + q[1] + q[2]));
   }
 
-  // Radiance of white level ground this far below the left camera, as a mono camera sees it.
+  // Mono radiance of white level ground at this distance below the left camera.
   [[nodiscard]] float levelAt(double distance_m) const {
-    const View& view = views[0];
+    const CameraView& view = views[0];
     const Eigen::Vector3d axis = view.T_body_cam.rotation() * Eigen::Vector3d::UnitZ();
     const Eigen::Vector3d point = view.T_body_cam.translation() + distance_m * axis;
     Radiance radiance{};
     for (std::size_t s = 0; s < optics.strobes.size(); ++s) {
-      const Shine shine(optics.strobes[s], view.light.beams[s], point);
+      const StrobeIncidence shine(optics.strobes[s], view.light.beams[s], point);
       const double d = shine.distance, cosine = std::max(0.0, shine.from.dot(axis) / d);
       const Radiance left = view.light.attenuation(static_cast<float>(d + distance_m));
       for (std::size_t c = 0; c < 3; ++c)
@@ -158,38 +148,147 @@ struct Renderer::Impl {
     return mono(radiance);
   }
 
-  // Lamps and water of a moment that are not as usual.
-  [[nodiscard]] OpticsConfig opticsOf(const Moment& moment) const {
+  // Strobes and water under the conditions of one photograph.
+  [[nodiscard]] OpticsConfig opticsOf(const PhotoConditions& conditions) const {
     OpticsConfig out = optics;
-    for (double& b : out.water.scattering_per_m) b *= moment.turbidity;
-    for (std::size_t s = 0; s < moment.flashes.size(); ++s) out.strobes[s].intensity *= moment.flashes[s];
+    for (double& b : out.water.scattering_per_m) b *= conditions.turbidity;
+    for (std::size_t s = 0; s < conditions.flashes.size(); ++s)
+      out.strobes[s].intensity *= conditions.flashes[s];
     return out;
   }
 
-  // Everything between a sharp image and the sensor.
-  void blurAll(const View& view, const Moment& moment, const std::vector<float>& inverse_range,
-               const BlurImage& image) const;
+  // Motion blur, forward scatter, defocus and the lens.
+  void blurAll(const CameraView& view, const PhotoConditions& conditions,
+               const std::vector<float>& inverse_range, const BlurImage& image) const;
 
-  void electrons(const SE3& T_nav_body, double time_s, const View& view, const Moment& moment,
-                 std::vector<float>& out) const;
+  // Writes a pixel's radiance, as one or three channels.
+  void put(const Radiance& value, std::size_t pixel, RadianceImage& image) const;
+  // A ray through the centre of each pixel.
+  void traceCentres(const Shot& shot, const CameraRays& view, RadianceImage& image) const;
+  // The mean of several rays for pixels at the edge of an object or shadow.
+  void traceEdges(const Shot& shot, const CameraRays& view, RadianceImage& image) const;
+  void addGlare(const CameraView& view, const OpticsConfig& lamps, RadianceImage& image) const;
+  // Expected electrons of each pixel of the mosaic.
+  [[nodiscard]] std::vector<float> exposed(const CameraView& view, double exposure_factor,
+                                           const RadianceImage& image) const;
+
+  // Renders one image: expected electrons of each pixel.
+  [[nodiscard]] std::vector<float> electrons(const SE3& T_nav_body, double time_s, const CameraView& view,
+                                             const PhotoConditions& conditions) const;
 };
 
-void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View& view, const Moment& moment,
-                               std::vector<float>& out) const {
-  const OpticsConfig lamps = opticsOf(moment);
-  const bool usual = moment.turbidity == 1 && std::all_of(moment.flashes.begin(), moment.flashes.end(),
-                                                          [](double f) { return f == 1; });
+void Renderer::Impl::put(const Radiance& value, std::size_t pixel, RadianceImage& image) const {
+  if (image.channels == 1) {
+    image.radiance[pixel] = mono(value);
+  } else {
+    std::copy_n(value.begin(), 3, &image.radiance[3 * pixel]);
+  }
+}
+
+void Renderer::Impl::traceCentres(const Shot& shot, const CameraRays& view, RadianceImage& image) const {
+  forTiles(image.width, image.height, [&](int y, int x_begin, int x_end) {
+    RayBundle rays;
+    for (int x = x_begin; x < x_end; x += RayBundle::kSize) {
+      rays.count = std::min(RayBundle::kSize, x_end - x);
+      for (int i = 0; i < rays.count; ++i) {
+        rays.x_px[i] = static_cast<float>(x + i), rays.y_px[i] = static_cast<float>(y);
+        rays.normalised[i] = view.at(x + i, y);
+        rays.origin[i] = view.origin(x + i, y);
+      }
+      trace(shot, rays);
+      for (int i = 0; i < rays.count; ++i) {
+        const std::size_t pixel = image.at(x + i, y);
+        put(rays.radiance[i], pixel, image);
+        image.inverse_range[pixel] = rays.inverse_range[i];
+        image.lit[pixel] = static_cast<std::uint8_t>(rays.lit[i]);
+      }
+    }
+  });
+}
+
+void Renderer::Impl::traceEdges(const Shot& shot, const CameraRays& view, RadianceImage& image) const {
+  if (optics.edge_samples <= 1) return;
+  const auto* samples = optics.edge_samples == 4 ? kSamples4 : kSamples8;
+  const auto isEdge = [&image](std::size_t one, std::size_t middle, std::size_t other) {
+    const std::vector<float>& inverse = image.inverse_range;
+    return std::abs(inverse[one] - 2 * inverse[middle] + inverse[other]) > kEdgeBend * inverse[middle] ||
+           image.lit[one] != image.lit[middle] || image.lit[other] != image.lit[middle];
+  };
+  forTiles(image.width, image.height, [&](int y, int x_begin, int x_end) {
+    const int above = std::max(0, y - 1), below = std::min(image.height - 1, y + 1);
+    RayBundle rays;
+    for (int x = x_begin; x < x_end; ++x) {
+      const std::size_t pixel = image.at(x, y);
+      if (!isEdge(image.at(std::max(0, x - 1), y), pixel, image.at(std::min(image.width - 1, x + 1), y)) &&
+          !isEdge(image.at(x, above), pixel, image.at(x, below)))
+        continue;
+      rays.count = optics.edge_samples;
+      for (int i = 0; i < rays.count; ++i) {
+        rays.x_px[i] = static_cast<float>(x) + samples[i][0];
+        rays.y_px[i] = static_cast<float>(y) + samples[i][1];
+        rays.normalised[i] = view.near(x, y, samples[i][0], samples[i][1]);
+        rays.origin[i] = view.origin(x, y);
+      }
+      trace(shot, rays);
+      Radiance mean{};
+      for (int i = 0; i < rays.count; ++i)
+        for (std::size_t c = 0; c < 3; ++c) mean[c] += rays.radiance[i][c] / static_cast<float>(rays.count);
+      put(mean, pixel, image);
+    }
+  });
+}
+
+void Renderer::Impl::addGlare(const CameraView& view, const OpticsConfig& lamps, RadianceImage& image) const {
+  if (optics.sensor.glare <= 0) return;
+  const std::vector<LampInView> in_view = lampsInView(lamps, view.T_body_cam);
+  forTiles(image.width, image.height, [&](int y, int x_begin, int x_end) {
+    for (int x = x_begin; x < x_end; ++x) {
+      const float veil = glareAt(in_view, view.rays.at(x, y));
+      for (std::size_t c = 0; c < image.channels; ++c)
+        image.radiance[image.channels * image.at(x, y) + c] += veil;
+    }
+  });
+}
+
+std::vector<float> Renderer::Impl::exposed(const CameraView& view, double exposure_factor,
+                                           const RadianceImage& image) const {
+  const Channels& q = optics.sensor.quantum_efficiency;
+  const double best = std::max({q[0], q[1], q[2]});
+  const float exposure = electrons_per_radiance * static_cast<float>(exposure_factor);
+  std::vector<float> out(image.inverse_range.size());
+  forTiles(image.width, image.height, [&](int y, int x_begin, int x_end) {
+    for (int x = x_begin; x < x_end; ++x) {
+      const std::size_t pixel = image.at(x, y);
+      float value = 0;
+      if (image.channels == 1) {
+        value = image.radiance[pixel];
+      } else {
+        const auto c = static_cast<std::size_t>(bayerChannel(x, y));
+        value = static_cast<float>(q[c] / best) * image.radiance[3 * pixel + c];
+      }
+      out[pixel] = exposure * view.vignetting[pixel] * value;
+    }
+  });
+  return out;
+}
+
+std::vector<float> Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const CameraView& view,
+                                             const PhotoConditions& conditions) const {
+  const OpticsConfig lamps = opticsOf(conditions);
+  const bool undisturbed =
+      conditions.turbidity == 1 &&
+      std::all_of(conditions.flashes.begin(), conditions.flashes.end(), [](double f) { return f == 1; });
   std::optional<Light> own;
-  if (!usual) own.emplace(lamps, view.camera, view.T_body_cam);
+  if (!undisturbed) own.emplace(lamps, view.camera, view.T_body_cam);
   const Light& light = own ? *own : view.light;
-  const Daylight daylight(optics.daylight, optics.water, moment.turbidity, time_s);
+  const Daylight daylight(optics.daylight, optics.water, conditions.turbidity, time_s);
   const SurfaceScene& bed = terrain.surface();
   const SE3 T_local_body(T_nav_body.rotation(), T_nav_body.translation() - bed.origin());
   const SE3 T_local_cam = T_local_body * view.T_body_cam;
   const Eigen::Vector3f eye = T_local_cam.translation().cast<float>();
-  const std::unique_ptr<SurfaceScene> things = moving.near(eye, kMovingRadius, time_s);
+  const std::unique_ptr<SurfaceScene> objects = moving.near(eye, kMovingRadius, time_s);
   Shot shot{bed,
-            things.get(),
+            objects.get(),
             detail,
             light.attenuation,
             light.backscatter,
@@ -206,110 +305,23 @@ void Renderer::Impl::electrons(const SE3& T_nav_body, double time_s, const View&
     shot.strobe_directions.push_back(
         (T_local_body.rotation() * strobe.direction_body.normalized()).cast<float>());
   }
-
-  const int width = view.camera.width, height = view.camera.height;
-  const std::size_t channels = view.format == PixelFormat::kMono ? 1 : 3;
-  const auto at = [&](int x, int y) {
-    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-  };
-  const std::size_t pixels = at(0, height);
-  std::vector<float> radiance(pixels * channels), inverse_range(pixels);
-  std::vector<std::uint8_t> lit(pixels);
-  const auto put = [&](std::size_t pixel, const Radiance& value) {
-    if (channels == 1) {
-      radiance[pixel] = mono(value);
-    } else {
-      std::copy_n(value.begin(), 3, &radiance[3 * pixel]);
-    }
-  };
-
-  // A ray through the centre of each pixel.
-  forTiles(width, height, [&](int y, int x_begin, int x_end) {
-    RayBundle rays;
-    for (int x = x_begin; x < x_end; x += RayBundle::kSize) {
-      rays.count = std::min(RayBundle::kSize, x_end - x);
-      for (int i = 0; i < rays.count; ++i) {
-        rays.x_px[i] = static_cast<float>(x + i), rays.y_px[i] = static_cast<float>(y);
-        rays.normalised[i] = view.rays.at(x + i, y);
-        rays.origin[i] = view.rays.origin(x + i, y);
-      }
-      trace(shot, rays);
-      for (int i = 0; i < rays.count; ++i) {
-        const std::size_t pixel = at(x + i, y);
-        put(pixel, rays.radiance[i]);
-        inverse_range[pixel] = rays.inverse_range[i];
-        lit[pixel] = static_cast<std::uint8_t>(rays.lit[i]);
-      }
-    }
-  });
-
-  // More rays where a thing or a shadow ends.
-  if (optics.edge_samples > 1) {
-    const auto* samples = optics.edge_samples == 4 ? kSamples4 : kSamples8;
-    const auto bends = [&](int x0, int y0, int x, int y, int x1, int y1) {
-      const float middle = inverse_range[at(x, y)];
-      return std::abs(inverse_range[at(x0, y0)] - 2 * middle + inverse_range[at(x1, y1)]) >
-                 kEdgeBend * middle ||
-             lit[at(x0, y0)] != lit[at(x, y)] || lit[at(x1, y1)] != lit[at(x, y)];
-    };
-    forTiles(width, height, [&](int y, int x_begin, int x_end) {
-      const int above = std::max(0, y - 1), below = std::min(height - 1, y + 1);
-      RayBundle rays;
-      for (int x = x_begin; x < x_end; ++x) {
-        const int before = std::max(0, x - 1), after = std::min(width - 1, x + 1);
-        if (!bends(before, y, x, y, after, y) && !bends(x, above, x, y, x, below)) continue;
-        rays.count = optics.edge_samples;
-        for (int i = 0; i < rays.count; ++i) {
-          rays.x_px[i] = static_cast<float>(x) + samples[i][0],
-          rays.y_px[i] = static_cast<float>(y) + samples[i][1];
-          rays.normalised[i] = view.rays.near(x, y, samples[i][0], samples[i][1]);
-          rays.origin[i] = view.rays.origin(x, y);
-        }
-        trace(shot, rays);
-        Radiance mean{};
-        for (int i = 0; i < rays.count; ++i)
-          for (std::size_t c = 0; c < 3; ++c) mean[c] += rays.radiance[i][c] / static_cast<float>(rays.count);
-        put(at(x, y), mean);
-      }
-    });
-  }
-
-  layOver(seenSpecks(marineSnow(optics.water, views[0].camera, moment.snow_seed), lamps, light.attenuation,
-                     light.beams, view.camera, view.T_body_cam, views[0].T_body_cam),
-          inverse_range, width, height, static_cast<int>(channels), optics.sensor.quantum_efficiency,
-          radiance);
-  if (optics.sensor.glare > 0) {
-    const std::vector<LampSeen> seen = lampsSeen(view, lamps);
-    forTiles(width, height, [&](int y, int x_begin, int x_end) {
-      for (int x = x_begin; x < x_end; ++x) {
-        const float veil = glareAt(seen, view.rays.at(x, y));
-        for (std::size_t c = 0; c < channels; ++c) radiance[channels * at(x, y) + c] += veil;
-      }
-    });
-  }
-  blurAll(view, moment, inverse_range, {radiance, width, height, static_cast<int>(channels)});
-  const Channels& q = optics.sensor.quantum_efficiency;
-  const double best = std::max({q[0], q[1], q[2]});
-  const float exposure = electrons_per_radiance * static_cast<float>(moment.exposure);
-  out.resize(pixels);
-  forTiles(width, height, [&](int y, int x_begin, int x_end) {
-    for (int x = x_begin; x < x_end; ++x) {
-      float value = 0;
-      if (channels == 1) {
-        value = radiance[at(x, y)];
-      } else {
-        const auto c = static_cast<std::size_t>(bayerChannel(x, y));
-        value = static_cast<float>(q[c] / best) * radiance[3 * at(x, y) + c];
-      }
-      out[at(x, y)] = exposure * view.vignetting[at(x, y)] * value;
-    }
-  });
+  RadianceImage image(view.camera.width, view.camera.height, view.format == PixelFormat::kMono ? 1 : 3);
+  traceCentres(shot, view.rays, image);
+  traceEdges(shot, view.rays, image);
+  const int channels = static_cast<int>(image.channels);
+  drawSpecks(visibleSpecks(marineSnow(optics.water, views[0].camera, conditions.snow_seed), lamps,
+                           light.attenuation, light.beams, view.camera, view.T_body_cam, views[0].T_body_cam),
+             image.inverse_range, image.width, image.height, channels, optics.sensor.quantum_efficiency,
+             image.radiance);
+  addGlare(view, lamps, image);
+  blurAll(view, conditions, image.inverse_range, {image.radiance, image.width, image.height, channels});
+  return exposed(view, conditions.exposure, image);
 }
 
-void Renderer::Impl::blurAll(const View& view, const Moment& moment, const std::vector<float>& inverse_range,
-                             const BlurImage& image) const {
+void Renderer::Impl::blurAll(const CameraView& view, const PhotoConditions& conditions,
+                             const std::vector<float>& inverse_range, const BlurImage& image) const {
   const double focal = 0.5 * (view.camera.fx + view.camera.fy);
-  const SE3 T_end_begin = view.T_body_cam.inverse() * moment.T_begin_end.inverse() * view.T_body_cam;
+  const SE3 T_end_begin = view.T_body_cam.inverse() * conditions.T_begin_end.inverse() * view.T_body_cam;
   const bool moves = T_end_begin.log().norm() > 0;
   if (moves) {
     motionBlur(image, [&](int x, int y) -> Eigen::Vector2f {
@@ -327,7 +339,7 @@ void Renderer::Impl::blurAll(const View& view, const Moment& moment, const std::
   blur(image, optics.sensor.blur_sigma_px);
 }
 
-Renderer::Renderer(const Terrain& terrain, const OpticsConfig& optics, const StereoRig& rig,
+Renderer::Renderer(const SeaTerrain& terrain, const OpticsConfig& optics, const StereoRig& rig,
                    const SE3& T_body_cam) {
   validate(optics);
   impl_ = std::make_unique<Impl>(terrain, optics, rig, T_body_cam);
@@ -336,23 +348,22 @@ Renderer::Renderer(const Terrain& terrain, const OpticsConfig& optics, const Ste
 Renderer::~Renderer() = default;
 
 void Renderer::render(const SE3& T_nav_body, double time_s, CameraSide side, std::uint64_t noise_seed,
-                      std::uint16_t* out, const Moment& moment) const {
-  const View& view = impl_->views[static_cast<std::size_t>(side)];
-  std::vector<float> electrons;
-  impl_->electrons(T_nav_body, time_s, view, moment, electrons);
+                      std::uint16_t* out, const PhotoConditions& conditions) const {
+  const CameraView& view = impl_->views[static_cast<std::size_t>(side)];
+  std::vector<float> electrons = impl_->electrons(T_nav_body, time_s, view, conditions);
   if (side == CameraSide::kRight)
     for (float& e : electrons) e *= static_cast<float>(impl_->optics.sensor.right_gain);
   impl_->sensor.expose(electrons.data(), view.camera.width, view.camera.height, noise_seed, out);
 }
 
 void Renderer::renderElectrons(const SE3& T_nav_body, double time_s, CameraSide side, float* out,
-                               const Moment& moment) const {
-  std::vector<float> electrons;
-  impl_->electrons(T_nav_body, time_s, impl_->views[static_cast<std::size_t>(side)], moment, electrons);
+                               const PhotoConditions& conditions) const {
+  const std::vector<float> electrons =
+      impl_->electrons(T_nav_body, time_s, impl_->views[static_cast<std::size_t>(side)], conditions);
   std::copy(electrons.begin(), electrons.end(), out);
 }
 
-double Renderer::exposureAt(double distance_m) const {
+double Renderer::exposureFactor(double distance_m) const {
   const double level = static_cast<double>(impl_->levelAt(distance_m));
   return static_cast<double>(impl_->levelAt(impl_->optics.sensor.exposure_distance_m)) /
          std::max(level, 1e-9);

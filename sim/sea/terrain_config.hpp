@@ -12,7 +12,7 @@ enum class TerrainKind : std::uint8_t { kProcedural, kMesh };
 struct RippleConfig {
   double wavelength_m = 0.22;
   double height_m = 0.025;     // trough to crest
-  double direction_rad = 0.4;  // of the current that made them, clockwise from north
+  double direction_rad = 0.4;  // of the current that formed them, clockwise from north
   double meander = 1;          // 1: crests meander and fade out; 0: straight, the same everywhere
 };
 
@@ -48,7 +48,7 @@ struct LedgeConfig {
   double undercut_m = 0.25;  // by which the lip overhangs the wall
 };
 
-// A stone or coral head at a chosen place. Those of one seed and size have the same shape.
+// A stone or coral head at a chosen place. Equal seed and size give equal shapes.
 struct PlacedConfig {
   bool coral = false;
   std::uint64_t seed = 1;
@@ -78,7 +78,7 @@ struct TerrainConfig {
   std::vector<LedgeConfig> ledges;
   std::vector<PlacedConfig> placed;
 
-  // kMesh: PLY in north, east, down [m]; moved so that its centre lies at (centre_north_m, centre_east_m) and
+  // kMesh: PLY in north, east, down [m]; moved so that its centre is at (centre_north_m, centre_east_m) and
   // its mean depth at base_depth_m. `texture_file` may be empty (vertex colours, else grey).
   std::filesystem::path mesh_file;
   std::filesystem::path texture_file;
@@ -91,7 +91,7 @@ struct TerrainConfig {
   // Procedural albedo detail, from 1.5 mm up to the size of what the surface's own colour resolves.
   double detail_contrast = 0.22;  // standard deviation relative to the albedo; 0: none
 
-  // Things that move; they are in pictures, not in the truth surface.
+  // Moving objects; they are in pictures, not in the truth surface.
   int fish = 0;                       // swimming circuits over the terrain
   double swaying_density_per_m2 = 0;  // blades of sea grass and soft coral that sway with the swell
 };

@@ -9,14 +9,14 @@
 namespace fathom::sim {
 namespace {
 
-double turnedBy(const MagneticAnomaly& anomaly, const Eigen::Vector3d& place) {
+double headingError(const MagneticAnomaly& anomaly, const Eigen::Vector3d& place) {
   const double north = place.x() - anomaly.north_m, east = place.y() - anomaly.east_m;
   const double radii2 = (north * north + east * east) / (anomaly.radius_m * anomaly.radius_m);
   return anomaly.turn / std::pow(1 + radii2, 1.5);
 }
 
-// What a tilt sensor takes the hull's acceleration for.
-Eigen::Vector2d falseTilt(const SensorWorld& world, double share, double time_s) {
+// Roll and pitch error of a tilt sensor by the hull's acceleration [rad].
+Eigen::Vector2d accelerationTilt(const SensorWorld& world, double share, double time_s) {
   if (share <= 0) return Eigen::Vector2d::Zero();
   constexpr double kHalf = 0.1, kGravity = 9.81;  // [s], [m/s^2]
   const Trajectory::State before = world.trajectory.at(time_s - kHalf),
@@ -47,12 +47,12 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
   const double roll_bias = random.gauss(config.tilt_bias_sigma);
   const double pitch_bias = random.gauss(config.tilt_bias_sigma);
   const double iron_phase = random.uniform(0.0, 2.0 * std::numbers::pi);
-  // The deviation changes over minutes, as currents in the hull change.
+  // The deviation drifts over minutes with the currents in the hull.
   const SmoothNoise drift(random, config.drift_sigma, 120.0, 900.0);
   Random soft_iron(world.seed, "soft-iron");
   const double soft_phase = soft_iron.uniform(0.0, 2.0 * std::numbers::pi);
-  const double follows = 1 - std::exp(-1 / (config.rate_hz * config.lag_s));
-  std::optional<Eigen::Quaterniond> shown;
+  const double filter_gain = 1 - std::exp(-1 / (config.rate_hz * config.lag_s));
+  std::optional<Eigen::Quaterniond> lagged;
   const LocalTransverseMercator nav(world.origin);
 
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
@@ -60,21 +60,21 @@ void simulateCompass(const SensorWorld& world, const CompassConfig& config, Logg
     const SE3 T_nav_compass = world.trajectory.poseAt(time) * world.T_body_compass;
     Eigen::Vector3d euler = T_nav_compass.euler();
     if (config.lag_s > 0) {
-      shown = shown ? shown->slerp(follows, T_nav_compass.rotation()) : T_nav_compass.rotation();
-      euler = SE3(*shown, Eigen::Vector3d::Zero()).euler();
+      lagged = lagged ? lagged->slerp(filter_gain, T_nav_compass.rotation()) : T_nav_compass.rotation();
+      euler = SE3(*lagged, Eigen::Vector3d::Zero()).euler();
     }
-    const Eigen::Vector2d false_tilt = falseTilt(world, config.acceleration_share, time);
+    const Eigen::Vector2d tilt_error = accelerationTilt(world, config.acceleration_share, time);
     AttitudeSample sample;
     sample.utc_ns = world.utcNs(time);
-    sample.roll = euler.x() + false_tilt.x() + roll_bias + random.gauss(config.tilt_sigma);
-    sample.pitch = euler.y() + false_tilt.y() + pitch_bias + random.gauss(config.tilt_sigma);
+    sample.roll = euler.x() + tilt_error.x() + roll_bias + random.gauss(config.tilt_sigma);
+    sample.pitch = euler.y() + tilt_error.y() + pitch_bias + random.gauss(config.tilt_sigma);
     const double deviation = config.deviation * std::sin(euler.z() + iron_phase) +
                              config.soft_iron * std::sin(2 * euler.z() + soft_phase) + drift.at(time);
-    double jumped = 0;
-    for (const CompassJump& jump : config.jumps) jumped += time >= jump.at_s ? jump.turn : 0;
+    double disturbance = 0;
+    for (const CompassJump& jump : config.jumps) disturbance += time >= jump.at_s ? jump.turn : 0;
     for (const MagneticAnomaly& anomaly : config.anomalies)
-      jumped += turnedBy(anomaly, T_nav_compass.translation());
-    const double heading = jumped + euler.z() - trueNorth(nav, T_nav_compass.translation()) -
+      disturbance += headingError(anomaly, T_nav_compass.translation());
+    const double heading = disturbance + euler.z() - trueNorth(nav, T_nav_compass.translation()) -
                            world.magnetic_declination + deviation + random.gauss(config.heading_sigma);
     sample.heading = heading - 2.0 * std::numbers::pi * std::floor(heading / (2.0 * std::numbers::pi));
     sample.magnetic = true;
@@ -91,7 +91,7 @@ void simulateGyro(const SensorWorld& world, const GyroConfig& config, LoggedSamp
   };
   const double white = config.angle_random_walk * std::sqrt(config.rate_hz);
   const double walk = config.bias_walk / std::sqrt(config.rate_hz);
-  constexpr double kHalf = 1e-3;  // of the difference that the true rate is [s]
+  constexpr double kHalf = 1e-3;  // half the interval of the difference quotient [s]
   Eigen::Vector3d bias = draw(config.bias_sigma);
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;

@@ -2,20 +2,21 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/base/units.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/sensors/sensors.hpp"
-#include "sim/sensors/water_properties.hpp"
 
 namespace fathom::sim {
 namespace {
 
 constexpr int kFewestBeams = 3;  // for a velocity
 
-bool within(const std::vector<Spell>& spells, double time_s) {
-  return std::any_of(spells.begin(), spells.end(), [time_s](const Spell& s) { return s.holds(time_s); });
+bool within(const std::vector<TimeSpan>& spells, double time_s) {
+  return std::any_of(spells.begin(), spells.end(),
+                     [time_s](const TimeSpan& s) { return s.contains(time_s); });
 }
 
-// Cosine between a ray and the seafloor's normal where it ends, from two rays beside it.
+// Cosine of a beam's incidence on the seafloor, from two neighbouring rays.
 double incidence(const SensorWorld& world, const Eigen::Vector3d& from, const Eigen::Vector3d& direction,
                  double range) {
   constexpr double kBeside = 0.02;  // [rad]
@@ -43,14 +44,14 @@ std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle) {
 }
 
 void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedSamples& samples) {
-  const DvlConfig& config = sensors.dvl;
+  const SimulatedDvlConfig& config = sensors.dvl;
   Random random(world.seed, "dvl"), fish(world.seed, "dvl-fish");
   const Eigen::Vector3d current(config.current_north_mps, config.current_east_mps, 0);
-  const bool any_slope = config.steepest > degrees(89.9);
+  const bool any_slope = config.steepest > degreesToRadians(89.9);
   const double scale = 1.0 + random.uniform(-config.scale_error, config.scale_error);
   const auto beams = dvlBeams(config.beam_angle);
   int dropped = 0;  // ensembles left of a dropout
-  DvlSample last;   // that was free of faults
+  DvlSample last;   // without faults
 
   for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
     const double time = static_cast<double>(i) / config.rate_hz;
@@ -58,20 +59,19 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
     const SE3 T_nav_dvl = state.T_nav_body * world.T_body_dvl;
     const double true_speed =
         soundSpeed(sensors.water.temperature_c, sensors.water.salinity_psu, T_nav_dvl.translation().z());
-    // Doppler shift and travel time both turn into metres with the assumed speed of sound.
+    // The instrument scales Doppler shift and travel time with the assumed speed of sound.
     const double sound_ratio = config.assumed_sound_speed_mps / true_speed;
 
     DvlSample sample;
     sample.utc_ns = world.utcNs(time);
     sample.sound_speed = config.assumed_sound_speed_mps;
-    // Every ensemble draws the same count of numbers, so that one dropout does not change the noise of the
-    // others.
+    // Every ensemble draws the same count of numbers: a dropout does not change the noise of the others.
     const Eigen::Vector3d noise(random.gauss(), random.gauss(), random.gauss());
     const Eigen::Vector4d range_noise(random.gauss(), random.gauss(), random.gauss(), random.gauss());
     const bool begins = random.uniform() < config.dropout_probability;
     const double length = -std::log(1.0 - random.uniform()) * config.dropout_length;
     if (dropped == 0 && begins) dropped = std::max(1, static_cast<int>(std::ceil(length)));
-    double fish_at[4];  // of the way down; above 1: none
+    double fish_at[4];  // distance of a fish over the beam's range; above 1: none
     for (double& part : fish_at) {
       const bool meets = fish.uniform() < config.fish_probability;
       part = fish.uniform(0.1, 0.95) + (meets ? 0 : 1);
@@ -92,17 +92,17 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
             incidence(world, T_nav_dvl.translation(), direction, *range) < std::cos(config.steepest))
           continue;
         constexpr double kLayer = 0.5;
-        const double way = std::min(fish_at[b], false_bottom ? kLayer : 1.0);
+        const double reached = std::min(fish_at[b], false_bottom ? kLayer : 1.0);
         const double measured =
-            way * *range * sound_ratio + config.range_sigma_m * range_noise[static_cast<Eigen::Index>(b)];
+            reached * *range * sound_ratio + config.range_sigma_m * range_noise[static_cast<Eigen::Index>(b)];
         sample.range[b] = measured * std::cos(config.beam_angle);
         altitude += measured * direction.z();
         ++locked;
       }
       if (locked >= kFewestBeams) {
-        const Eigen::Vector3d over_what = false_bottom ? current : Eigen::Vector3d::Zero();
+        const Eigen::Vector3d bottom_velocity = false_bottom ? current : Eigen::Vector3d::Zero();
         const Eigen::Vector3d velocity_body =
-            state.T_nav_body.rotation().conjugate() * (state.velocity_nav - over_what);
+            state.T_nav_body.rotation().conjugate() * (state.velocity_nav - bottom_velocity);
         const Eigen::Vector3d velocity_dvl =
             world.T_body_dvl.rotation().conjugate() *
             (velocity_body + state.rates_body.cross(world.T_body_dvl.translation()));
@@ -111,7 +111,7 @@ void simulateDvl(const SensorWorld& world, const SensorsConfig& sensors, LoggedS
         sample.velocity = velocity_dvl * sound_ratio * scale + sigma * noise;
       }
     }
-    // Faults take what was measured away; the random numbers stay as they are.
+    // Faults remove or replace measurements without changing the random numbers.
     if (within(config.outages, time)) continue;
     if (within(config.stuck, time)) {
       const std::int64_t stamp = sample.utc_ns;

@@ -9,10 +9,10 @@ namespace fathom::sim {
 
 namespace {
 
-// The one at this time, or null.
-const UsblEcho* at(const std::vector<UsblEcho>& echoes, double time_s) {
-  for (const UsblEcho& echo : echoes)
-    if (echo.holds(time_s)) return &echo;
+// The burst at this time; nullptr for none.
+const UsblErrorBurst* burstAt(const std::vector<UsblErrorBurst>& bursts, double time_s) {
+  for (const UsblErrorBurst& burst : bursts)
+    if (burst.contains(time_s)) return &burst;
   return nullptr;
 }
 
@@ -24,7 +24,7 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
   Random compass(world.seed, "usbl-ship");
   const SmoothNoise wobble(compass, config.heading_wobble, 60.0, 600.0);
   const double begin = compass.uniform(0.0, 2.0 * std::numbers::pi);
-  // The transponder hears nothing while the vehicle floats.
+  // The transponder receives no pings while the vehicle floats.
   for (double time = world.trajectory.diveBegin() + config.period_s; time < world.trajectory.surfaced();
        time += config.period_s) {
     const double lap = begin + 2.0 * std::numbers::pi * time / config.ship_lap_s;
@@ -32,7 +32,7 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
                                config.ship_east_m + config.ship_circle_m * std::sin(lap),
                                config.ship_depth_m);
     Eigen::Vector3d target = (world.trajectory.poseAt(time) * world.T_body_usbl).translation();
-    if (const UsblEcho* other = at(config.wrong_targets, time))
+    if (const UsblErrorBurst* other = burstAt(config.wrong_targets, time))
       target.head<2>() = Eigen::Vector2d(other->north_m, other->east_m);
     const Eigen::Vector3d line = target - ship;
     const double range_sigma = config.range_sigma_m + config.range_sigma_per_m * line.norm();
@@ -49,8 +49,8 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
     const double direction = random.uniform(0.0, 2.0 * std::numbers::pi);
     const double size = config.outlier_m * random.uniform(0.5, 1.5);
     if (outlier) north_east += size * Eigen::Vector2d(std::cos(direction), std::sin(direction));
-    if (const UsblEcho* echo = at(config.multipath, time))
-      north_east += Eigen::Vector2d(echo->north_m, echo->east_m);
+    if (const UsblErrorBurst* burst = burstAt(config.multipath, time))
+      north_east += Eigen::Vector2d(burst->north_m, burst->east_m);
     const double delay = config.delay_s * random.uniform(0.6, 1.6);
 
     UsblFix fix;
@@ -60,7 +60,7 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
     fix.latitude = position.latitude;
     fix.longitude = position.longitude;
     fix.depth = ship.z() + range * std::sin(elevation);
-    // What the ship believes, of either component: it knows nothing of outliers.
+    // The ship's estimate for each component, without outliers.
     fix.sigma_horizontal =
         std::hypot(config.range_sigma_m, horizontal * config.angle_sigma) / std::numbers::sqrt2;
     samples.push_back({fix.arrival_utc_ns, fix});

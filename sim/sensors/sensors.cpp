@@ -3,12 +3,40 @@
 #include <algorithm>
 #include <cmath>
 
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "realtime/base/units.hpp"
+#include "sim/scenario/random.hpp"
 
 namespace fathom::sim {
 
+double soundSpeed(double t, double s, double d) {
+  return 1448.96 + 4.591 * t - 5.304e-2 * t * t + 2.374e-4 * t * t * t + 1.340 * (s - 35.0) + 1.630e-2 * d +
+         1.675e-7 * d * d - 1.025e-2 * t * (s - 35.0) - 7.139e-13 * t * d * d * d;
+}
+
+double practicalSalinity(double t, double conductivity_s_per_m) {
+  constexpr double kStandardConductivity = 4.2914;  // of water of 35 psu at 15 deg C [S/m]
+  const double ratio = conductivity_s_per_m / kStandardConductivity;
+  const double rt = 0.6766097 + t * (2.00564e-2 + t * (1.104259e-4 + t * (-6.9698e-7 + t * 1.0031e-9)));
+  const double x = std::sqrt(ratio / rt);
+  const double s = 0.0080 + x * (-0.1692 + x * (25.3851 + x * (14.0941 + x * (-7.0261 + x * 2.7081))));
+  const double ds = 0.0005 + x * (-0.0056 + x * (-0.0066 + x * (-0.0375 + x * (0.0636 + x * -0.0144))));
+  return s + (t - 15.0) / (1.0 + 0.0162 * (t - 15.0)) * ds;
+}
+
+double conductivity(double temperature_c, double salinity_psu) {
+  // Salinity grows with conductivity: bisection between bounds beyond any sea.
+  constexpr int kHalvings = 60;
+  double low = 0.0, high = 10.0;  // [S/m]
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = 0.5 * (low + high);
+    (practicalSalinity(temperature_c, middle) < salinity_psu ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
 std::int64_t SensorWorld::utcNs(double time_s) const {
-  return start_utc_ns + static_cast<std::int64_t>(std::llround(time_s * 1e9));
+  return start_utc_ns + rt::nanoseconds(time_s);
 }
 
 double SensorWorld::waterDepthAt(const Eigen::Vector2d& place) const {
@@ -34,8 +62,8 @@ std::vector<Exposure> simulateExposures(const SensorWorld& world, const CameraCl
 
 namespace {
 
-// As the vehicle's computer hands the samples of some sensors over.
-void delay(const SensorWorld& world, const ArrivalConfig& config, LoggedSamples& samples) {
+// Applies arrival delays and stamp errors to DVL, compass and depth.
+void delayArrivals(const SensorWorld& world, const ArrivalConfig& config, LoggedSamples& samples) {
   Random random(world.seed, "arrival");
   for (io::LoggedSample& s : samples) {
     std::visit(
@@ -45,11 +73,10 @@ void delay(const SensorWorld& world, const ArrivalConfig& config, LoggedSamples&
                         std::is_same_v<Sample, DepthSample>) {
             const double late = -config.jitter_s * std::log(1 - random.uniform());
             const double stamp = random.gauss(config.stamp_jitter_s);
-            s.arrival_utc_ns += std::llround(1e9 * late);
-            const std::int64_t batch = std::llround(1e9 * config.batch_s);
+            s.arrival_utc_ns += rt::nanoseconds(late);
+            const std::int64_t batch = rt::nanoseconds(config.batch_s);
             if (batch > 0) s.arrival_utc_ns += batch - 1 - (s.arrival_utc_ns - 1) % batch;
-            sample.utc_ns =
-                std::min<std::int64_t>(sample.utc_ns + std::llround(1e9 * stamp), s.arrival_utc_ns);
+            sample.utc_ns = std::min<std::int64_t>(sample.utc_ns + rt::nanoseconds(stamp), s.arrival_utc_ns);
           }
         },
         s.sample);
@@ -81,11 +108,57 @@ LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& con
   }
   const ArrivalConfig& arrival = config.arrival;
   if (arrival.jitter_s > 0 || arrival.batch_s > 0 || arrival.stamp_jitter_s > 0)
-    delay(world, arrival, samples);
+    delayArrivals(world, arrival, samples);
   std::stable_sort(samples.begin(), samples.end(), [](const io::LoggedSample& a, const io::LoggedSample& b) {
     return a.arrival_utc_ns < b.arrival_utc_ns;
   });
   return samples;
+}
+
+WaterPatches::WaterPatches(Random& random)
+    : plankton(random, 0.2, 40.0, 400.0), sediment(random, 0.3, 20.0, 300.0) {}
+
+void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples) {
+  if (config.rate_hz == 0) return;
+  Random random(world.seed, "water");
+  const WaterPatches patches(random);
+  const double true_conductivity = conductivity(config.temperature_c, config.salinity_psu);
+  const auto optical = [&](double mean, double patch) {
+    return std::max(0.0, mean * (1.0 + patch + random.gauss(config.optics_relative_sigma)));
+  };
+  for (std::int64_t i = 0; static_cast<double>(i) / config.rate_hz <= world.trajectory.duration(); ++i) {
+    const double time = static_cast<double>(i) / config.rate_hz;
+    const double depth = world.trajectory.poseAt(time).translation().z();
+    WaterSample sample;
+    sample.utc_ns = world.utcNs(time);
+    sample.temperature = config.temperature_c + random.gauss(config.temperature_sigma_c);
+    sample.conductivity = true_conductivity + random.gauss(config.conductivity_sigma);
+    sample.sound_speed =
+        soundSpeed(*sample.temperature, practicalSalinity(*sample.temperature, *sample.conductivity), depth);
+    sample.chlorophyll = optical(config.chlorophyll_ug_l, patches.plankton.at(time));
+    sample.cdom = optical(config.cdom_ppb, 0.5 * patches.plankton.at(time));
+    sample.turbidity = optical(config.turbidity, patches.sediment.at(time));
+    samples.push_back({world.utcNs(time + config.latency_s), sample});
+  }
+}
+
+void simulateBattery(const SensorWorld& world, const BatteryConfig& config, LoggedSamples& samples) {
+  constexpr double kSecondsPerHour = 3600;
+  double charge = config.start_charge;
+  const double step = 1 / config.rate_hz;
+  for (std::int64_t i = 0; static_cast<double>(i) * step <= world.trajectory.duration(); ++i) {
+    const double time = static_cast<double>(i) * step;
+    const double speed = world.trajectory.at(time).velocity_nav.norm();
+    const double power = config.hotel_w + config.thrust_w_per_m3ps3 * std::pow(speed, 3);
+    if (i > 0) charge = std::max(0.0, charge - power * step / kSecondsPerHour / config.capacity_wh);
+    const double open_v = config.empty_v + (config.full_v - config.empty_v) * charge;
+    BatterySample sample;
+    sample.utc_ns = world.utcNs(time);
+    sample.current = power / open_v;
+    sample.voltage = open_v - *sample.current * config.resistance_ohm;
+    sample.charge = charge;
+    samples.push_back({world.utcNs(time + config.latency_s), sample});
+  }
 }
 
 }  // namespace fathom::sim

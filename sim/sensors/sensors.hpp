@@ -7,113 +7,113 @@
 #include <optional>
 #include <vector>
 
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sensor_samples.hpp"
-#include "sim/scenario/degrees.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/sensors/waves.hpp"
 #include "sim/vehicle/trajectory.hpp"
 
 namespace fathom::sim {
 
-// Errors and rates of the sensors, as the table of the AUV Sirius gives them (Johnson-Roberson et al. 2010,
+// Rates and errors of the sensors; the defaults are those of the AUV Sirius (Johnson-Roberson et al. 2010,
 // table 1).
 
-// From and to a time since the mission's start [s].
-struct Spell {
+// An interval of mission time [s].
+struct TimeSpan {
   double from_s = 0, to_s = 0;
-  [[nodiscard]] bool holds(double time_s) const { return time_s >= from_s && time_s < to_s; }
+  [[nodiscard]] bool contains(double time_s) const { return time_s >= from_s && time_s < to_s; }
 };
 
-struct DvlConfig {
+struct SimulatedDvlConfig {
   double rate_hz = 5.0;
   double velocity_sigma_mps = 0.002;             // white, each axis
-  double scale_error = 0.002;                    // largest; drawn once a dive from +- this
+  double scale_error = 0.002;                    // largest; drawn once for each dive from +- this
   double range_sigma_m = 0.01;                   // each beam
   double dropout_probability = 0.005;            // that an ensemble begins a dropout
   double dropout_length = 3.0;                   // mean, in ensembles
-  double beam_angle = degrees(30);               // off the axis [rad]
+  double beam_angle = degreesToRadians(30);      // off the axis [rad]
   double min_range_m = 0.3, max_range_m = 30.0;  // of bottom lock, along a beam
-  double assumed_sound_speed_mps = 1500.0;       // what the instrument computes with
+  double assumed_sound_speed_mps = 1500.0;       // used by the instrument
   double latency_s = 0.12;
-  double velocity_sigma_per_m = 0;  // more noise of each axis, by the altitude [1/s]
-  int dead_beam = 0;                // 1 to 4; 0: none
-  double fish_probability = 0;      // that a beam of an ensemble ends on something in the water
-  double steepest = degrees(90);    // incidence on the seafloor beyond which a beam is lost [rad]
-  double bubble_depth_m = 0;        // above it nothing is heard
-  double current_north_mps = 0, current_east_mps = 0;  // of the water, which a false bottom drifts with
-  std::vector<Spell> outages;                          // silent: no ensembles at all
-  std::vector<Spell> stuck;                            // the last good ensemble over and over
-  std::vector<Spell> false_bottom;  // locked to a layer half way down instead of the seafloor
+  double velocity_sigma_per_m = 0;         // noise of each axis added in proportion to the altitude [1/s]
+  int dead_beam = 0;                       // 1 to 4; 0: none
+  double fish_probability = 0;             // that a beam of an ensemble is reflected in the water
+  double steepest = degreesToRadians(90);  // incidence on the seafloor beyond which a beam is lost [rad]
+  double bubble_depth_m = 0;               // no bottom lock above it
+  double current_north_mps = 0, current_east_mps = 0;  // of the water and of a false bottom
+  std::vector<TimeSpan> outages;                       // without ensembles
+  std::vector<TimeSpan> stuck;                         // the last good ensemble is repeated
+  std::vector<TimeSpan> false_bottom;                  // locked to a layer at half the range
 };
 
 struct CompassJump {
-  double at_s = 0;            // since the mission's start
-  double turn = degrees(20);  // of the heading from then on [rad]
+  double at_s = 0;                     // since the mission's start
+  double turn = degreesToRadians(20);  // of the heading from then on [rad]
 };
 
-// What something magnetic on the seafloor does to headings within a few of its radii: as a dipole's field
-// falls off, turn / (1 + (d / radius)^2)^(3/2) at the horizontal distance d.
+// Heading error near a magnetic object on the seafloor, with the decay of a dipole's field:
+// turn / (1 + (d / radius)^2)^(3/2) at the horizontal distance d.
 struct MagneticAnomaly {
   double north_m = 0, east_m = 0;  // in nav
   double radius_m = 3;
-  double turn = degrees(20);  // of the heading above it [rad]
+  double turn = degreesToRadians(20);  // of the heading above it [rad]
 };
 
 struct CompassConfig {
   double rate_hz = 10.0;
-  double deviation = degrees(1.2);         // amplitude of the hard-iron deviation over the heading [rad]
-  double drift_sigma = degrees(0.3);       // slow change of the deviation [rad]
-  double heading_sigma = degrees(0.3);     // white [rad]
-  double tilt_bias_sigma = degrees(0.17);  // of roll and pitch, drawn once a dive [rad]
-  double tilt_sigma = degrees(0.1);        // white [rad]
+  double deviation = degreesToRadians(1.2);    // amplitude of the hard-iron deviation over the heading [rad]
+  double drift_sigma = degreesToRadians(0.3);  // slow change of the deviation [rad]
+  double heading_sigma = degreesToRadians(0.3);     // white [rad]
+  double tilt_bias_sigma = degreesToRadians(0.17);  // of roll and pitch, drawn once for each dive [rad]
+  double tilt_sigma = degreesToRadians(0.1);        // white [rad]
   double latency_s = 0.03;
   double soft_iron = 0;            // amplitude of the deviation twice over the heading [rad]
   double lag_s = 0;                // of all three angles behind the hull
   double acceleration_share = 0;   // of the hull's acceleration that is taken for gravity
-  std::vector<CompassJump> jumps;  // something magnetic came near: it adds up
+  std::vector<CompassJump> jumps;  // their heading errors add up
   std::vector<MagneticAnomaly> anomalies;
 };
 
 // Rates about the compass's axes, as a tactical fibre-optic gyro gives them.
 struct GyroConfig {
-  double rate_hz = 0;                         // 0: there is none
-  double angle_random_walk = degrees(0.002);  // white [rad/s^(1/2)]
-  double bias_sigma = degrees(3e-4);          // of each axis, drawn once a dive: 1 deg/h [rad/s]
-  double bias_walk = degrees(5e-6);           // its random walk [rad/s^(3/2)]
+  double rate_hz = 0;                                  // 0: there is none
+  double angle_random_walk = degreesToRadians(0.002);  // white [rad/s^(1/2)]
+  double bias_sigma = degreesToRadians(3e-4);  // of each axis, drawn once for each dive: 1 deg/h [rad/s]
+  double bias_walk = degreesToRadians(5e-6);   // its random walk [rad/s^(3/2)]
   double latency_s = 0.02;
 };
 
 struct DepthSensorConfig {
   double rate_hz = 5.0;
-  double scale_error = 1e-4;  // of the depth, standard deviation, drawn once a dive (0.01 %)
+  double scale_error = 1e-4;  // of the depth, standard deviation, drawn once for each dive (0.01 %)
   double sigma_m = 0.003;     // white
   double latency_s = 0.05;
 };
 
-// Fixes that are wrong alike for a while.
-struct UsblEcho : Spell {
-  double north_m = 0, east_m = 0;  // added to the fix; another target: where it is, in nav
+// A burst of correlated fix errors.
+struct UsblErrorBurst : TimeSpan {
+  double north_m = 0, east_m = 0;  // added to the fix; of a wrong target: its position in nav
 };
 
 struct UsblConfig {
   double period_s = 10.0;
   double range_sigma_m = 0.2;
-  double angle_sigma = degrees(0.25);               // bearing and elevation [rad]
+  double angle_sigma = degreesToRadians(0.25);      // bearing and elevation [rad]
   double ship_north_m = 25.0, ship_east_m = -15.0;  // transceiver in nav
   double ship_depth_m = 2.0;
   double delay_s = 3.0;  // mean, from ping to arrival on board
   double outlier_probability = 0.04;
-  double outlier_m = 12.0;  // size of an outlier (reflections)
-  // What the ship does not know: how its transceiver is turned [rad], and where its antenna is.
+  double outlier_m = 12.0;  // mean size of an outlier (reflections)
+  // Unknown to the ship: rotation of its transceiver [rad], and offset of its position [m].
   double misalignment = 0, offset_north_m = 0, offset_east_m = 0;
-  double range_sigma_per_m = 0;                // more noise of the range, by the range
+  double range_sigma_per_m = 0;                // range noise added in proportion to the range
   double bending = 0;                          // of the ray, downwards [rad]
   double heading_wobble = 0;                   // of the ship's compass: slow, standard deviation [rad]
-  double ship_circle_m = 0, ship_lap_s = 600;  // the ship sails a circle about its place; 0: it lies still
-  std::vector<UsblEcho> multipath, wrong_targets;
+  double ship_circle_m = 0, ship_lap_s = 600;  // circle of the ship about its place; 0: it is at rest
+  std::vector<UsblErrorBurst> multipath, wrong_targets;
 };
 
 struct GpsConfig {
@@ -154,15 +154,15 @@ struct CameraClockConfig {
   double exposure_s = 0.004;
   double left_offset_s = 0.012, right_offset_s = 0.009;  // clock minus UTC at the mission's start
   double left_drift = 50e-6, right_drift = -50e-6;       // [s/s]
-  double known_to_s = 0.0005;  // largest error of the offsets that mission.toml tells
+  double known_to_s = 0.0005;                            // largest error of the offsets in mission.toml
   double latency_s = 0.15;
-  double right_delay_s = 0;  // of the right shutter, which nobody tells
+  double right_delay_s = 0;  // of the right shutter, not stated anywhere
 };
 
-// What the computer that takes the samples of DVL, compass and depth does to them.
+// Delays and stamp errors by the computer that receives DVL, compass and depth.
 struct ArrivalConfig {
   double jitter_s = 0;        // mean of a delay that differs from sample to sample
-  double batch_s = 0;         // samples are handed over in batches so far apart; 0: one by one
+  double batch_s = 0;         // period of the batches in which samples arrive; 0: one by one
   double stamp_jitter_s = 0;  // standard deviation of the stamps themselves
 };
 
@@ -176,7 +176,7 @@ struct TideConfig {
 [[nodiscard]] double tideHeight(const TideConfig& tide, double time_s);
 
 struct SensorsConfig {
-  DvlConfig dvl;
+  SimulatedDvlConfig dvl;
   CompassConfig compass;
   GyroConfig gyro;
   DepthSensorConfig depth;
@@ -190,13 +190,13 @@ struct SensorsConfig {
   ArrivalConfig arrival;
 };
 
-// Patches of plankton and of stirred-up sediment that the vehicle passes in a minute or more; 0 at the mean.
+// Patches of plankton and sediment along the track, relative to their means, with periods of minutes.
 struct WaterPatches {
   explicit WaterPatches(Random& random);
   SmoothNoise plankton, sediment;
 };
 
-// What the sensors are exposed to.
+// The simulated environment of the sensors.
 struct SensorWorld {
   const Trajectory& trajectory;
   // Distance [m] from a point along a unit direction to the seafloor; std::nullopt if the ray meets none.
@@ -208,9 +208,9 @@ struct SensorWorld {
   std::uint64_t seed = 1;
 
   [[nodiscard]] std::int64_t utcNs(double time_s) const;
-  // Of the water under a place [m].
+  // Depth of the water at a place [m].
   [[nodiscard]] double waterDepthAt(const Eigen::Vector2d& place) const;
-  // Their wavelengths are those of the water where the mission begins.
+  // Waves with the wavelengths of the water depth at the mission's start.
   [[nodiscard]] Waves waves(const WavesConfig& config) const;
 };
 
@@ -218,14 +218,14 @@ struct SensorWorld {
 struct Exposure {
   double time_s = 0;                                   // true time since the mission's start
   std::int64_t left_stamp_ns = 0, right_stamp_ns = 0;  // by each camera's own clock
-  double over_usual = 1;                               // how long, as the log tells it too
+  double over_usual = 1;                               // exposure time over its usual, also in the log
 };
 
 // Unit vectors of the four Janus beams in the DVL frame: 45 degrees to starboard of forward, then clockwise
 // seen from above.
 [[nodiscard]] std::array<Eigen::Vector3d, 4> dvlBeams(double beam_angle);
 
-// Each appends its samples over the whole trajectory, in the order of their own time.
+// Each function appends its samples of the whole trajectory in the order of their stamps.
 using LoggedSamples = std::vector<io::LoggedSample>;
 void simulateDvl(const SensorWorld& world, const SensorsConfig& config, LoggedSamples& samples);
 void simulateCompass(const SensorWorld& world, const CompassConfig& config, LoggedSamples& samples);
@@ -236,12 +236,21 @@ void simulateGps(const SensorWorld& world, const SensorsConfig& config, LoggedSa
 void simulateWater(const SensorWorld& world, const WaterSensorConfig& config, LoggedSamples& samples);
 void simulateBattery(const SensorWorld& world, const BatteryConfig& config, LoggedSamples& samples);
 
+// Speed of sound in sea water [m/s]: Mackenzie (1981), for 2 to 30 deg C, 25 to 40 psu, down to 8,000 m.
+[[nodiscard]] double soundSpeed(double temperature_c, double salinity_psu, double depth_m);
+// Conductivity [S/m] of sea water of a practical salinity at atmospheric pressure: the practical salinity
+// scale of 1978 (UNESCO technical paper 44), solved for conductivity. The effect of pressure is below 0.05 %
+// at 50 m.
+[[nodiscard]] double conductivity(double temperature_c, double salinity_psu);
+// Practical salinity [psu] from conductivity [S/m].
+[[nodiscard]] double practicalSalinity(double temperature_c, double conductivity_s_per_m);
+
 // Exposures from the survey's begin to its end; both cameras are triggered at the same instant (the right
 // shutter opens right_delay_s later).
 [[nodiscard]] std::vector<Exposure> simulateExposures(const SensorWorld& world,
                                                       const CameraClockConfig& config);
 
-// Everything, image events included, in the order of arrival.
+// All samples and image events in the order of arrival.
 [[nodiscard]] LoggedSamples simulateSensors(const SensorWorld& world, const SensorsConfig& config,
                                             const std::vector<Exposure>& exposures);
 

@@ -11,9 +11,9 @@ namespace {
 
 constexpr double kGravity = 9.81;  // [m/s^2]
 constexpr int kComponents = 80;
-// The spectrum's table, by the peak's frequency: what lies outside has less than 2 % of the variance.
+// Frequency range of the spectrum over its peak's; less than 2 % of the variance is outside.
 constexpr double kLowest = 0.5, kHighest = 4.0;
-constexpr int kTable = 2000;
+constexpr int kSpectrumBins = 2000;
 
 // JONSWAP's density of the variance, not scaled, at a frequency over the peak's.
 double density(double f) {
@@ -41,9 +41,9 @@ Waves::Waves(const WavesConfig& config, std::uint64_t seed, double water_depth_m
     : water_depth_m_(water_depth_m) {
   if (config.height_m <= 0) return;
   Random random(seed, "waves");
-  constexpr double kStep = (kHighest - kLowest) / kTable;
-  std::vector<double> up_to(kTable + 1, 0.0);
-  for (int i = 0; i < kTable; ++i)
+  constexpr double kStep = (kHighest - kLowest) / kSpectrumBins;
+  std::vector<double> up_to(kSpectrumBins + 1, 0.0);
+  for (int i = 0; i < kSpectrumBins; ++i)
     up_to[static_cast<std::size_t>(i) + 1] =
         up_to[static_cast<std::size_t>(i)] + density(kLowest + (i + 0.5) * kStep);
   const double amplitude = config.height_m / 4 * std::sqrt(2.0 / kComponents);

@@ -12,9 +12,8 @@ struct BottomFollowerConfig {
   double acceleration_mps2 = 0.10;  // vertical
 };
 
-// The vehicle's depth control: keeps an altitude over what the altimeter sees. It climbs at once and comes
-// down slowly, as careful followers do, so that past a ledge the altitude grows and shrinks again over tens
-// of seconds.
+// The vehicle's depth control: keeps an altitude over the altimeter's seafloor. It climbs at once and
+// descends slowly, so that behind a ledge the altitude is larger for tens of seconds.
 class BottomFollower {
  public:
   BottomFollower(const BottomFollowerConfig& config, double depth_m, double seafloor_depth_m);

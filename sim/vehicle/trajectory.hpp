@@ -8,8 +8,8 @@
 
 namespace fathom::sim {
 
-// Where the vehicle truly is, as a function of time with continuous acceleration: a uniform cubic B-spline
-// through north, east, depth and the Euler angles, whose knots are the steps of the simulated guidance.
+// True pose of the vehicle over time, with continuous acceleration: a uniform cubic B-spline of north, east,
+// depth and the Euler angles; its control points are the steps of the simulated guidance.
 class Trajectory {
  public:
   // north, east, depth [m], roll, pitch, yaw [rad] (yaw not wrapped).
@@ -28,8 +28,8 @@ class Trajectory {
   [[nodiscard]] State at(double time_s) const;  // clamped to [0, duration()]
   [[nodiscard]] SE3 poseAt(double time_s) const;
   [[nodiscard]] double duration() const;  // [s]
-  // The vehicle is at survey depth and on the plan's lines from begin to end; at the surface before dive
-  // begin and from `surfaced` on.
+  // The vehicle is at survey depth and on the plan's lines from surveyBegin() to surveyEnd(), at the surface
+  // before diveBegin() and from surfaced() on.
   [[nodiscard]] double surveyBegin() const { return survey_begin_; }
   [[nodiscard]] double surveyEnd() const { return survey_end_; }
   [[nodiscard]] double diveBegin() const { return dive_begin_; }

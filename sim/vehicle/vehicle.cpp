@@ -10,14 +10,15 @@
 namespace fathom::sim {
 namespace {
 
-constexpr double kStep = 0.1;              // of the guidance and between the spline's knots [s]
-constexpr double kAtDepth = 0.15;          // the dive or ascent is over this near to the wanted depth [m]
-constexpr double kAtRest = 0.01;           // [m/s]
-constexpr double kLongestPhase = 40000.0;  // a dive, a survey or an ascent that takes longer is a mistake [s]
+constexpr double kStep = 0.1;      // of the guidance and between the spline's knots [s]
+constexpr double kAtDepth = 0.15;  // the dive or ascent is over this near to the wanted depth [m]
+constexpr double kAtRest = 0.01;   // [m/s]
+constexpr double kLongestPhase =
+    40000.0;  // limit for a dive, a survey or an ascent, against endless plans [s]
 
 enum class Phase { kFloatBefore, kDive, kSurvey, kAscend, kFloatAfter, kOver };
 
-// The hull's angles and its wander about the planned line.
+// Random motion of the hull: angles, and deviation from the planned line.
 struct Motion {
   Motion(const VehicleConfig& c, std::uint64_t seed) {
     Random random(seed, "motion");
@@ -83,7 +84,7 @@ class Guidance {
     for (const Collision& c : config_.collisions) {
       const double since = time_ - c.at_s;
       if (since < 0) continue;
-      // There in a few tenths of a second, back over some time constants.
+      // Displaced within tenths of a second, back within some time constants.
       constexpr double kBlow = 0.2;  // [s]
       const double thrown = (1 - std::exp(-since / kBlow)) * std::exp(-since / c.recovers_s);
       k(0) -= c.throw_m * thrown * std::sin(hull_heading_);
@@ -155,7 +156,7 @@ class Guidance {
         (path_.at(arc_).heading - hull_heading_) * (1.0 - std::exp(-kStep / config_.heading_lag_s));
   }
 
-  // Cruise, less what the next turn, the end of the plan and the seafloor ahead ask for.
+  // Cruising speed, reduced before a turn, the end of the plan and rising seafloor.
   double wantedSpeed(double clearance) const {
     const double a = config_.acceleration_mps2;
     const double turn_speed = std::min(config_.speed_mps, config_.turn_rate * config_.turn_radius_m);
@@ -163,7 +164,7 @@ class Guidance {
       if (time_ >= hover.at_s && time_ < hover.at_s + hover.for_s) return 0;
     double wanted = std::min(config_.speed_mps,
                              std::sqrt(turn_speed * turn_speed + 2.0 * a * path_.distanceToTurn(arc_)));
-    // It passes the end at a creep, so that the end is reached in finite time.
+    // A least speed at the end of the plan, so that it is reached in finite time.
     constexpr double kCreep = 0.1;  // [m/s]
     wanted = std::min(wanted, std::sqrt(kCreep * kCreep + 2.0 * a * std::max(0.0, path_.length() - arc_)));
     const double slow_from = 0.5 * (config_.min_altitude_m + config_.follower.altitude_m);

@@ -1,29 +1,41 @@
 #include "telemetry/downlink/downlink.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
+
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::int64_t kNanoseconds = 1'000'000'000;
-// An acknowledgement shares a frame with other things only if it still speaks of so many frames.
+// An acknowledgement shares a frame with other content only when it still covers this many frames.
 constexpr std::size_t kUsefulReach = 48;
-constexpr std::size_t kSequenceBits = 16;
-constexpr std::size_t kByteBits = 8;
+constexpr std::size_t kNewestBits = 16;
+constexpr std::size_t kBitsPerByte = 8;
 constexpr DownlinkCounter kAhead = 6000;  // ten minutes
-// The same request again within this time is a repetition of it, later a new wish.
-constexpr std::int64_t kRepetition_ns = 300 * kNanoseconds;
+// The same request within this time is a repetition, later a new request.
+constexpr std::int64_t kRepetition_ns = 300 * kSecond_ns;
 
 bool pauses(Request::Kind kind) {
   return kind == Request::Kind::kPauseMap || kind == Request::Kind::kResumeMap;
 }
 
-// Whether the newer request leaves nothing of the older.
+// Whether the newer request replaces the older.
 bool makesVoid(const Request& newer, const Request& older) {
   if (newer.kind == Request::Kind::kDetail) return false;
   return newer.kind == older.kind || (pauses(newer.kind) && pauses(older.kind));
+}
+
+constexpr std::uint32_t kDownlinkTag = rt::stateTag("DOWN"), kDownlinkVersion = 3;
+
+template <typename Archive, typename R>
+void exchangeRequest(Archive& archive, R& r) {
+  archive.enumeration(r.kind, static_cast<Request::Kind>(kRequestKinds - 1));
+  archive(r.id, r.north_min, r.north_max, r.east_min, r.east_max, r.spacing, r.max_error, r.rate_bps);
 }
 
 }  // namespace
@@ -74,13 +86,13 @@ bool DownlinkSender::fits(const DownlinkContent& content, std::size_t acknowledg
   std::array<std::uint8_t, kMaxFrameBytes> scratch{};
   const std::size_t size =
       encodeDownlink(content, counter_, key_.has_value(), std::span(scratch).first(payloadRoom()));
-  return size > 0 && (payloadRoom() - size) * kByteBits >= acknowledgement_bits;
+  return size > 0 && (payloadRoom() - size) * kBitsPerByte >= acknowledgement_bits;
 }
 
 DownlinkContent DownlinkSender::chooseContent() const {
   DownlinkContent content;
-  // An acknowledgement that is due keeps its room, or has the frame for itself.
-  const std::size_t kept = acknowledgement_ && acknowledgement_due_ ? kSequenceBits + kUsefulReach : 0;
+  // An acknowledgement that is due keeps its room, or takes the frame for itself.
+  const std::size_t kept = acknowledgement_ && acknowledgement_due_ ? kNewestBits + kUsefulReach : 0;
   const auto addFix = [&] {
     if (fix_ && fits({fix_, content.request, {}}, kept)) content.fix = fix_;
   };
@@ -90,7 +102,7 @@ DownlinkContent DownlinkSender::chooseContent() const {
   if (!requests_.empty() && fits({content.fix, requests_.front().request, {}}, kept))
     content.request = requests_.front().request;
   if (new_request) addFix();
-  if (acknowledgement_ && (content.empty() || fits(content, kSequenceBits + kUsefulReach)))
+  if (acknowledgement_ && (content.empty() || fits(content, kNewestBits + kUsefulReach)))
     content.acknowledgement = acknowledgement_;
   return content;
 }
@@ -115,7 +127,7 @@ std::size_t DownlinkSender::nextFrame(std::int64_t utc_ns, std::span<std::uint8_
   if (out.size() < frame_bytes_) return 0;
   const DownlinkCounter before = counter_;
   const DownlinkCounter now = downlinkCounterAt(utc_ns);
-  // Rises whatever the clock does, but for one that was far ahead.
+  // The counter rises whatever the clock does, unless it was far ahead of it.
   counter_ = counter_ > now && counter_ - now > kAhead ? now : std::max(counter_ + 1, now);
   if (fix_ && !fits({fix_, {}, {}}, 0)) {
     fix_.reset();
@@ -143,33 +155,15 @@ std::size_t DownlinkSender::nextFrame(std::int64_t utc_ns, std::span<std::uint8_
 }
 
 const char* name(DownlinkVerdict verdict) {
-  switch (verdict) {
-    case DownlinkVerdict::kAccepted:
-      return "accepted";
-    case DownlinkVerdict::kBadFrame:
-      return "bad-frame";
-    case DownlinkVerdict::kForeign:
-      return "foreign";
-    case DownlinkVerdict::kBadPayload:
-      return "bad-payload";
-    case DownlinkVerdict::kUnsigned:
-      return "unsigned";
-    case DownlinkVerdict::kOld:
-      return "old";
-    case DownlinkVerdict::kBadSignature:
-      return "bad-signature";
-    case DownlinkVerdict::kStale:
-      return "stale";
-    case DownlinkVerdict::kNoKey:
-      return "no-key";
-  }
-  return "unknown";
+  static constexpr std::array kNames{"accepted", "bad-frame",     "foreign", "bad-payload", "unsigned",
+                                     "old",      "bad-signature", "stale",   "no-key"};
+  const auto at = static_cast<std::size_t>(verdict);
+  return at < kNames.size() ? kNames[at] : "unknown";
 }
 
 std::uint64_t DownlinkReceiver::Counters::refused() const {
-  std::uint64_t sum = 0;
-  for (const std::uint64_t n : verdicts) sum += n;
-  return sum - (*this)[DownlinkVerdict::kAccepted];
+  return std::accumulate(verdicts.begin(), verdicts.end(), std::uint64_t{0}) -
+         (*this)[DownlinkVerdict::kAccepted];
 }
 
 DownlinkReceiver::DownlinkReceiver(const LinkIdentity& identity, const std::optional<LinkKey>& key,
@@ -178,9 +172,9 @@ DownlinkReceiver::DownlinkReceiver(const LinkIdentity& identity, const std::opti
 
 bool DownlinkReceiver::isRepetition(std::int64_t now_ns, const Request& request) {
   if (request.kind != Request::Kind::kDetail) return false;
-  for (const std::optional<Heard>& heard : details_) {
-    if (!heard || now_ns - heard->utc_ns >= kRepetition_ns) continue;
-    Request same = heard->request;  // a ship that was started again counts its requests anew
+  for (const std::optional<RecentDetail>& recent : details_) {
+    if (!recent || now_ns - recent->utc_ns >= kRepetition_ns) continue;
+    Request same = recent->request;  // a restarted ship numbers its requests from 0 again
     same.id = request.id;
     if (same == request) return true;
   }
@@ -201,23 +195,23 @@ DownlinkReceiver::Result DownlinkReceiver::judge(std::int64_t now_ns, std::span<
   DecodedDownlink decoded;
   if (!decodeDownlink(message, decoded)) return {DownlinkVerdict::kBadPayload, {}};
   if (!key_) {
-    // Nothing tells a true counter from a false one: only a frame's own echo is old.
-    if (heard_ && decoded.counter == counter_) return {DownlinkVerdict::kOld, {}};
+    // Without a key any counter may be forged: only a frame's own echo counts as old.
+    if (accepted_any_ && decoded.counter == counter_) return {DownlinkVerdict::kOld, {}};
     counter_ = decoded.counter;
   } else {
     if (!is_signed) return {DownlinkVerdict::kUnsigned, {}};
     if (!key_->verify(identity_, message, whole.payload.subspan(message.size())))
       return {DownlinkVerdict::kBadSignature, {}};
     const auto& acknowledgement = decoded.content.acknowledgement;
-    const auto heard = acknowledgement && sent_lately ? sent_lately(*acknowledgement) : std::nullopt;
-    const double age_s = static_cast<double>(now_ns - downlinkTime(decoded.counter)) / kNanoseconds;
+    const auto lately = acknowledgement && sent_lately ? sent_lately(*acknowledgement) : std::nullopt;
+    const double age_s = static_cast<double>(now_ns - downlinkTime(decoded.counter)) / kSecond_ns;
     const bool timely = std::abs(age_s) <= kFresh_s;
-    if (!(timely && decoded.counter > counter_) && !(heard && *heard > acknowledged_))
-      return {heard || decoded.counter <= counter_ ? DownlinkVerdict::kOld : DownlinkVerdict::kStale, {}};
-    if (heard) acknowledged_ = std::max(acknowledged_, *heard);
-    if (timely) counter_ = std::max(counter_, decoded.counter);  // a clock that is off sets no mark
+    if (!(timely && decoded.counter > counter_) && !(lately && *lately > acknowledged_))
+      return {lately || decoded.counter <= counter_ ? DownlinkVerdict::kOld : DownlinkVerdict::kStale, {}};
+    if (lately) acknowledged_ = std::max(acknowledged_, *lately);
+    if (timely) counter_ = std::max(counter_, decoded.counter);  // a wrong clock does not move the counter
   }
-  heard_ = true;
+  accepted_any_ = true;
   Result result{DownlinkVerdict::kAccepted, decoded.content, decoded.counter};
   if (!key_ && result.content.request) {
     result.content.request.reset();
@@ -241,6 +235,30 @@ DownlinkReceiver::Result DownlinkReceiver::accept(std::int64_t now_ns, std::span
     }
   }
   return result;
+}
+
+template <typename Archive, typename Self>
+void DownlinkReceiver::exchange(Archive& archive, Self& self) {
+  archive(self.counter_, self.accepted_any_, self.acknowledged_, self.counters_, self.next_detail_);
+  for (auto& recent : self.details_) {
+    bool there = recent.has_value();
+    archive(there);
+    if constexpr (Archive::kLoading) {
+      recent.reset();
+      if (there) recent = RecentDetail{};
+    }
+    if (!there) continue;
+    archive.instants(recent->utc_ns);
+    exchangeRequest(archive, recent->request);
+  }
+}
+
+void DownlinkReceiver::save(rt::StateWriter& writer) const {
+  writer.section(kDownlinkTag, kDownlinkVersion, [&] { exchange(writer, *this); });
+}
+
+bool DownlinkReceiver::load(rt::StateReader& reader) {
+  return reader.section(kDownlinkTag, kDownlinkVersion, [&] { exchange(reader, *this); });
 }
 
 }  // namespace fathom::telemetry

@@ -30,25 +30,26 @@ inline constexpr int kUnitCode = 7;  // of 1 m
   return static_cast<SpacingCode>(kPowerCodes + static_cast<int>(millimetres));
 }
 
-// Which 4 x 4 nodes of which lattice. Node (i, j) of a block stands in nav at
-// north = (4 * north + i) * spacing, east = (4 * east + j) * spacing.
+// Identifies 4 x 4 nodes of a lattice. Node (i, j) of a block is in nav at north = (4 * north + i) * spacing,
+// east = (4 * east + j) * spacing.
 struct BlockKey {
   SpacingCode spacing = 0;
   std::int32_t north = 0, east = 0;
   friend auto operator<=>(const BlockKey&, const BlockKey&) = default;
 };
 
-// The smallest piece of map that the link sends, acknowledges and sends again. Nodes are stored once: unlike
-// HeightTile, a block repeats nothing of its neighbours.
+// The smallest part of the map that the link sends, acknowledges and sends again. Unlike HeightTile, a block
+// repeats no nodes of its neighbours.
 struct MapBlock {
   static constexpr int kSide = 4;
   static constexpr int kNodes = kSide * kSide;
+  static constexpr std::uint16_t kWhole = 0xFFFF;  // of `seen`: every node
 
   BlockKey key;
   std::uint16_t seen = 0;             // bit i * kSide + j: node (i, j) was seen
   float sigma = 0;                    // standard deviation of the heights, of the block [m]
   std::array<float, kNodes> depth{};  // nav z, down [m]; nothing where not seen
-  std::array<Rgb, kNodes> colour{};   // means something where the packet or the source has colour
+  std::array<Rgb, kNodes> colour{};   // valid when the packet or the source has colour
 
   [[nodiscard]] bool isSeen(int node) const { return (seen >> node & 1U) != 0; }
 };

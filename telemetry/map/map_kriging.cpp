@@ -17,7 +17,7 @@ constexpr std::int64_t squareRoot(std::int64_t n) {
   return root;
 }
 
-// h^1.5 of h^2 = 0 to 512, the farthest that two candidates lie apart.
+// h^1.5 of h^2 = 0 to 512, the farthest that two candidates are apart.
 constexpr std::array<std::int64_t, 513> kVariogram = [] {
   std::array<std::int64_t, 513> table{};
   for (std::size_t k = 0; k < table.size(); ++k) {
@@ -105,11 +105,11 @@ KrigingWeights solveKriging(Shape shape, int stride, std::uint32_t used) {
 }
 
 KrigingTable::KrigingTable() : slots_(kSlots), keys_(kSlots, 0) {
-  (void)candidates(Shape::kSquare);  // made on first use
+  (void)candidates(Shape::kSquare);  // computed on first use
 }
 
 const KrigingWeights& KrigingTable::weights(Shape shape, int stride, std::uint32_t used) {
-  // 24 bits of pattern, two of stride (1, 2 or 4), one of shape; never 0, as one candidate serves.
+  // 24 bits of pattern, two of stride (1, 2 or 4), one of shape; never 0, as at least one candidate is used.
   const std::uint32_t key = used | static_cast<std::uint32_t>(stride / 2) << kCandidates |
                             static_cast<std::uint32_t>(shape) << (kCandidates + 2);
   const std::size_t slot = (key * 2654435761U >> 16) % kSlots;  // Knuth's multiplicative hash

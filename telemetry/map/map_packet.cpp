@@ -19,7 +19,7 @@ constexpr double kLeastSigma = 0.02;  // code 0 [m]; each code doubles
 // One unit [m]. A height is rounded to units before it is rounded to steps: half a unit of the error bound is
 // kept for that.
 double unitOf(int error_code) {
-  return packet::errorOf(error_code) / (kUnitsPerStep / 2 + 0.5);
+  return packet::errorOf(error_code) / (0.5 * (kUnitsPerStep + 1));
 }
 double sigmaOf(int code) {
   return std::ldexp(kLeastSigma, code);
@@ -51,7 +51,7 @@ bool codeBody(Coder& coder, const Header& header, Content& content, packet::Krig
   if (!packet::codeBlocks(coder, patch, kMaxPacketBlocks)) return false;
   packet::codeSeen(coder, patch);
   content.activity = 0;
-  if (patch.first() < 0) return true;  // nothing of these is seen any more
+  if (patch.first() < 0) return true;  // nothing of these blocks is seen any more
   packet::FieldWalk<Coder> heights(coder, patch, table, header.roughness, content.wanted.data());
   heights.run();
   content.activity = heights.meanActivity();
@@ -117,7 +117,7 @@ struct MapPacketEncoder::Impl {
   MapBlock partial;                          // the nodes sent of a block that did not fit
   std::array<double, Patch::kGrid> exact{};  // heights wanted [units]
 
-  // How many of the blocks lie in one rectangle that a packet can have.
+  // Number of leading blocks that fit one rectangle of a packet.
   static std::size_t reach(std::span<const MapBlock> blocks) {
     std::int64_t n0 = 0, n1 = 0, e0 = 0, e1 = 0;
     for (std::size_t k = 0; k < std::min(blocks.size(), kMaxPacketBlocks); ++k) {
@@ -178,7 +178,7 @@ struct MapPacketEncoder::Impl {
         const auto n = static_cast<std::size_t>(at);
         if (!base) base = std::round(exact[n] / kUnitsPerStep);
         const double height = exact[n] - *base * kUnitsPerStep;
-        good = good && std::abs(height) < packet::kMaxUnits / 2;  // false for a depth that is not a number
+        good = good && 2 * std::abs(height) < packet::kMaxUnits;  // false for a depth that is not a number
         if (good) content.wanted[n] = static_cast<std::int32_t>(std::lround(height));
       });
     }
@@ -249,7 +249,7 @@ struct MapPacketEncoder::Impl {
   }
   // As many nodes of one block as fit, coarsest first.
   Result part(const MapBlock& block, int error_code, int colour_bits, std::span<std::uint8_t> out) {
-    if (!lay({&block, 1}, error_code, colour_bits)) return {};  // not for want of room
+    if (!lay({&block, 1}, error_code, colour_bits)) return {};  // fails for another reason than room
     MapBlock some = block;
     some.seen = 0;
     for (const packet::Pass& pass : packet::kPasses) {
@@ -274,7 +274,7 @@ struct MapPacketEncoder::Impl {
     }
     return best;
   }
-  // Whether what the packet decodes to keeps the error.
+  // Whether the decoded packet keeps the error.
   bool held(std::span<const MapBlock> blocks, double max_error) {
     MapBlock got;
     for (const MapBlock& block : blocks) {

@@ -21,32 +21,30 @@ struct MapPacketConfig {
 inline constexpr std::uint16_t kMapPacketFormat = 1;
 inline constexpr std::size_t kMaxPacketBlocks = 256;
 
-// A packet as it arrives: blocks of one lattice.
+// A decoded packet: blocks of one lattice.
 struct DecodedMapPacket {
   SpacingCode spacing = 0;
-  double max_error = 0;  // that the sender kept to [m]
+  double max_error = 0;  // of the heights, as the sender bounded it [m]
   bool has_colour = false;
   std::vector<MapBlock> blocks;  // at most kMaxPacketBlocks; reserve once, reuse
 };
 
-// Encodes map blocks into the payload of one frame. Every packet stands alone: it says where it lies, at what
-// spacing and how exactly, and needs no other packet. No heap calls after construction.
+// Encodes map blocks into the payload of one frame. Every packet is decoded by itself: it carries its place,
+// spacing and error bound. No heap calls after construction.
 class MapPacketEncoder {
  public:
   MapPacketEncoder();
   ~MapPacketEncoder();
 
   struct Result {
-    std::size_t bytes =
-        0;  // of the payload; 0: not even the first block fits or can be sent
+    std::size_t bytes = 0;   // of the payload; 0: not even the first block fits or can be sent
     std::size_t blocks = 0;  // the first so many of the blocks given are in the packet
   };
-  // Takes the longest prefix of `blocks` (one spacing, keys distinct, the most wanted first, near to each
-  // other) that fits out.size(). `decoded`, unless empty, receives what the other side will have of those, in
-  // the order given.
-  // With in_parts a first block that does not fit by itself (a cliff in a small frame) goes in part, coarsest
-  // nodes first: `blocks` is 1 and decoded[0].seen lacks nodes, to be sent as a block with those alone seen.
-  // Whoever receives it then keeps the nodes that it had and that the packet does not have.
+  // Encodes the longest prefix of `blocks` (one spacing, distinct keys, the most urgent first, near to each
+  // other) that fits out.size(). `decoded`, unless empty, receives these blocks as the receiver will decode
+  // them, in the same order. With in_parts a first block that does not fit by itself (a cliff in a small
+  // frame) goes in part, coarsest nodes first: `blocks` is 1 and decoded[0].seen lacks nodes, to be sent as a
+  // block with those alone seen. The receiver keeps the nodes that it has and the packet lacks.
   Result encode(std::span<const MapBlock> blocks, const MapPacketConfig& config, std::span<std::uint8_t> out,
                 std::span<MapBlock> decoded = {});
 

@@ -10,9 +10,9 @@
 #include "telemetry/map/map_kriging.hpp"
 #include "telemetry/map/range_coder.hpp"
 
-// The walk over a map packet that encoder and decoder share: each function below codes one part of the packet
-// through a RangeEncoder (which takes the values from its arguments) or a RangeDecoder (which puts them
-// there). Whole numbers only. README.md gives the same, byte by byte.
+// The walk over a map packet that encoder and decoder share: each function below codes one part of the
+// packet, through a RangeEncoder from its arguments or through a RangeDecoder into them. Whole numbers only.
+// README.md gives the same, byte by byte.
 namespace fathom::telemetry::packet {
 
 inline constexpr int kMaxSide = 64;                 // blocks along one edge of a packet's rectangle
@@ -20,7 +20,7 @@ inline constexpr int kMaxRectangle = 1024;          // blocks in the rectangle, 
 inline constexpr int kMargin = 8;                   // nodes around the rectangle, never known
 inline constexpr int kUnitsPerStep = 256;           // heights are computed in this fraction of the step
 inline constexpr std::int32_t kMaxUnits = 1 << 28;  // of a height above or below the base
-inline constexpr std::int32_t kMaxKey = 1 << 26;    // of a block, either way
+inline constexpr std::int32_t kMaxKey = 1 << 26;    // of a block, positive or negative
 inline constexpr std::int32_t kMaxBase = 1 << 24;   // of the base depth [steps]
 
 inline constexpr std::array<int, 32> kErrorDigits{10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20,

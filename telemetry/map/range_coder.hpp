@@ -7,8 +7,8 @@
 
 namespace fathom::telemetry {
 
-// Arithmetic coding of yes/no decisions (Martin, 1979: range coder with carry), made for packets of tens of
-// bytes: nothing is written before the first decision, and the end takes as few bytes as leave the decoder no
+// Arithmetic coding of yes/no decisions (Martin, 1979: range coder with carry) for packets of tens of bytes:
+// nothing is written before the first decision, and the end takes as few bytes as leave the decoder no
 // choice, which reads zeros after the last byte. Whole numbers only: every machine reads the same.
 //
 // A probability is that of `true`, in 1/65536, from kMinChance to kMaxChance.
@@ -40,7 +40,7 @@ class RangeEncoder {
     }
     return value;
   }
-  // Writes the end; the size of it all, nullopt-like: ok() says whether it fitted.
+  // Writes the end and returns the whole size; ok() says whether it fitted.
   std::size_t finish() {
     // The shortest number in [low, low + range), once zeros follow it.
     for (unsigned kept = 0; kept <= 4; ++kept) {
@@ -108,7 +108,7 @@ class RangeDecoder {
   std::uint32_t range_ = 0xFFFFFFFFU;
 };
 
-// A chance that learns: towards what it saw, fast while it has seen little.
+// An adaptive chance: it moves towards the decisions coded, faster while they are few.
 class AdaptiveBit {
  public:
   explicit constexpr AdaptiveBit(Chance chance = kHalf, unsigned seen = 1)

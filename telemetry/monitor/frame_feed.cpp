@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::monitor {
 
@@ -15,7 +15,7 @@ std::size_t LiveFeed::poll(const TakeFrame& take) {
   for (const auto& port : ports_) {
     for (std::size_t size; count < kMost && (size = port->receive(buffer)) > 0; ++count)
       if (take(std::span<const std::uint8_t>(buffer).first(size), rt::RealClock().utcNs()))
-        port->answerHeard();
+        port->answerLastSender();
   }
   return count;
 }
@@ -70,7 +70,7 @@ std::size_t Recording::poll(const TakeFrame& take, std::int64_t monotonic_ns) {
     const double left = static_cast<double>(last_ns_ - anchor_utc_ns_);
     at_ns_ = speed_ > 0 && passed < left ? anchor_utc_ns_ + static_cast<std::int64_t>(passed) : last_ns_;
   }
-  // Clocks jump: a frame stamped earlier than the one before it has been due already.
+  // After a clock step a frame may be stamped earlier than the one before it: it is due.
   std::size_t count = 0;
   for (; count < kBatch && !finished() && packets_[next_].utc_ns <= at_ns_; ++count, ++next_)
     (void)take(packets_[next_].bytes, packets_[next_].utc_ns);

@@ -14,14 +14,15 @@
 
 namespace fathom::monitor {
 
-// Takes a modem frame; true: it held a true frame.
+// Takes a modem frame; true: it held an accepted link frame.
 using TakeFrame = std::function<bool(std::span<const std::uint8_t>, std::int64_t utc_ns)>;
 
 // Modem frames from ports, stamped with the time at which they were read.
 class LiveFeed {
  public:
   explicit LiveFeed(std::vector<std::unique_ptr<FramePort>> ports) : ports_(std::move(ports)) {}
-  // Gives the frames that have arrived by now, and tells the port of those that were true; returns how many.
+  // Passes on the frames that have arrived, and reports the accepted ones to their port; returns the number
+  // of frames.
   std::size_t poll(const TakeFrame& take);
   // Hands a frame to every port; true if one took it.
   bool send(std::span<const std::uint8_t> frame);
@@ -30,11 +31,11 @@ class LiveFeed {
   std::vector<std::unique_ptr<FramePort>> ports_;
 };
 
-// A packets.bin as a recording that plays at any speed, pauses and seeks. It lies in memory whole.
+// A packets.bin, read into memory, as a recording that plays at any speed, pauses and seeks.
 class Recording {
  public:
-  // A file that is damaged from some byte on keeps what comes before it; damage() says so. Throws InputError
-  // if the file cannot be read or holds no frame.
+  // Of a damaged file it plays the part before the damage; damage() says so. Throws InputError if the file
+  // cannot be read or holds no frame.
   explicit Recording(const std::filesystem::path& packets);
 
   [[nodiscard]] std::int64_t firstUtcNs() const { return packets_.front().utc_ns; }
@@ -45,13 +46,13 @@ class Recording {
   [[nodiscard]] double speed() const { return speed_; }
   [[nodiscard]] const std::string& damage() const { return damage_; }
 
-  // So many times as fast as it was; 0: as fast as it can be taken.
+  // Playing speed as a multiple of real time; 0: as fast as it can be taken.
   void setSpeed(double speed, std::int64_t monotonic_ns);
   void setPlaying(bool playing, std::int64_t monotonic_ns);
-  // The next polls give everything up to this time without waiting. True: it lies back, frames begin anew
-  // from the first, and the caller drops what it has made of them.
+  // The next polls pass on everything up to this time without waiting. True: the time is earlier than the
+  // present one, the frames start from the first again, and the caller drops what it has received.
   [[nodiscard]] bool seek(std::int64_t utc_ns, std::int64_t monotonic_ns);
-  // Gives the frames that are due, at most kBatch; returns how many.
+  // Passes on the frames that are due, at most kBatch; returns their number.
   std::size_t poll(const TakeFrame& take, std::int64_t monotonic_ns);
 
  private:

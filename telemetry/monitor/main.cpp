@@ -3,9 +3,9 @@
 #include <csignal>
 #include <string>
 
-#include "realtime/kernel/command_line.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/version.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/version.hpp"
 #include "telemetry/monitor/codec/codec_program.hpp"
 #include "telemetry/monitor/monitor_program.hpp"
 #include "telemetry/wire/link_key.hpp"
@@ -34,14 +34,14 @@ int main(int argc, char** argv) {
   app.add_option("--speed", options.speed, "play them so many times as fast as they were sent; 0: at once")
       ->capture_default_str();
   app.add_option("--vehicle", options.vehicle,
-                 "vehicle id to admit, with --dive (default: the first one heard)");
+                 "vehicle id to admit, with --dive (default: the first one received)");
   app.add_option("--dive", options.dive, "dive id to admit");
   app.add_option("--http", options.http_port, "port of the web page; 0: any free one")->capture_default_str();
   app.add_option("--http-bind", options.http_address,
                  "address of the web page; other than loopback needs a token")
       ->capture_default_str();
   app.add_flag("--listen", options.listen,
-               "say nothing: of all programs that hear a vehicle, one may speak to it");
+               "send nothing: of all programs that receive a vehicle, one may send to it");
   app.add_option("--key", options.key, "file of the key that signs requests to the vehicle");
   app.add_option(
       "--token-file", options.token_file,
@@ -51,7 +51,7 @@ int main(int argc, char** argv) {
                  "folder of the page (default: ../share/fathom/monitor from the program)");
   app.add_option(
       "--out", options.out,
-      "keep received frames, frames.log and the exports in this folder; a restart goes on from there");
+      "keep received frames, frames.log and the exports in this folder; a restart continues from there");
   app.add_option("--exit-after-idle", options.exit_after_idle_s,
                  "exit when no frame has come for so long [s]");
   std::string key_file;

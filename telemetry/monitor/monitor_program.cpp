@@ -7,9 +7,9 @@
 #include <memory>
 #include <thread>
 
-#include "firmware_if/modem/modem_ports.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/monitor/session_keeper.hpp"
@@ -64,7 +64,7 @@ std::optional<telemetry::LinkKey> keyOf(const MonitorOptions& options) {
   return key;
 }
 
-// What an earlier run into the same folder has received.
+// Loads what an earlier run received into the same folder.
 void reload(SessionFiles& files, MonitorModel& model) {
   std::string damage;
   const std::size_t count =
@@ -74,12 +74,12 @@ void reload(SessionFiles& files, MonitorModel& model) {
   if (!damage.empty()) std::cerr << "fathom-monitor: " << damage << std::endl;
   const auto& identity = model.receiver().identity();
   if (count > 0 && identity)
-    std::cout << "fathom-monitor: goes on with " << count << " frames of vehicle "
+    std::cout << "fathom-monitor: continues with " << count << " frames of vehicle "
               << int{identity->vehicle_id} << ", dive " << identity->dive_id
               << " (for another dive give another --out)" << std::endl;
 }
 
-// Moves frames from where they come to the model, and what the page wants to where it goes.
+// Passes received frames to the model, and the page's requests to the vehicle or the recording.
 class Reception {
  public:
   Reception(SharedModel& shared, const MonitorOptions& options, SessionFiles* files)
@@ -103,16 +103,17 @@ class Reception {
   std::size_t step() {
     const std::lock_guard lock(shared_.mutex);
     const auto take = [&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
-      return shared_.model->hear(bytes, utc_ns,
-                                 [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
-                                   if (files_ != nullptr) files_->log(frame, link_frame, utc_ns, recorded());
-                                 });
+      return shared_.model->receive(bytes, utc_ns,
+                                    [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
+                                      if (files_ != nullptr)
+                                        files_->log(frame, link_frame, utc_ns, recorded());
+                                    });
     };
     if (live_) {
       shared_.now_utc_ns = clock_.utcNs();
       const std::size_t count = live_->poll(take);
       std::array<std::uint8_t, FramePort::kMaxFrameBytes> frame;
-      // What is not on the disk is not acknowledged: the vehicle would never send it again.
+      // Only frames on the disk are acknowledged: the vehicle does not send acknowledged ones again.
       if (const std::size_t size =
               listen_only_ ? 0
                            : shared_.model->speak(clock_.utcNs(), frame,
@@ -121,19 +122,19 @@ class Reception {
         if (!live_->send(std::span<const std::uint8_t>(frame).first(size))) ++unsent_;
       return count;
     }
-    for (const PlaybackWish& wish : shared_.wishes) apply(wish);
-    shared_.wishes.clear();
+    for (const PlaybackRequest& request : shared_.playback_requests) apply(request);
+    shared_.playback_requests.clear();
     const std::size_t count = recording_->poll(take, clock_.monotonicNs());
     publish();
     return count;
   }
 
  private:
-  void apply(const PlaybackWish& wish) {
+  void apply(const PlaybackRequest& request) {
     const std::int64_t now = clock_.monotonicNs();
-    if (wish.speed) recording_->setSpeed(*wish.speed, now);
-    if (wish.playing) recording_->setPlaying(*wish.playing, now);
-    if (wish.seek_utc_ns && recording_->seek(*wish.seek_utc_ns, now)) shared_.beginAnew();
+    if (request.speed) recording_->setSpeed(*request.speed, now);
+    if (request.playing) recording_->setPlaying(*request.playing, now);
+    if (request.seek_utc_ns && recording_->seek(*request.seek_utc_ns, now)) shared_.reset();
   }
 
   void publish() {

@@ -19,12 +19,11 @@ struct MonitorOptions {
   std::optional<int> vehicle, dive;
   int http_port = 8080;  // 0: any free one
   std::string http_address = "127.0.0.1";
-  bool listen = false;        // says nothing to the vehicle: another program does
-  std::filesystem::path key;  // that the vehicle holds too; empty: nothing can be asked of it
-  std::filesystem::path
-      token_file;              // holds what the page asks for; empty: nothing on loopback, else a new token
-  std::filesystem::path page;  // empty: ../share/fathom/monitor beside the executable's folder
-  std::filesystem::path out;   // empty: nothing is saved, and a restart begins with an empty map
+  bool listen = false;               // sends nothing to the vehicle: another program does
+  std::filesystem::path key;         // the vehicle's key; empty: no requests can be sent
+  std::filesystem::path token_file;  // file of the page's token; empty: none on loopback, else a new one
+  std::filesystem::path page;        // empty: ../share/fathom/monitor beside the executable's folder
+  std::filesystem::path out;         // empty: nothing is saved, and a restart has an empty map
   std::optional<double> exit_after_idle_s;
 };
 

@@ -9,7 +9,7 @@
 #include <sstream>
 #include <string>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "telemetry/wire/packet_log.hpp"
 
 namespace fathom::monitor {
@@ -18,7 +18,6 @@ using telemetry::FrameVerdict;
 
 namespace {
 constexpr const char* kReceived = "received.bin";
-constexpr std::uintmax_t kPacketHeadBytes = 12;
 }  // namespace
 
 SessionFiles::SessionFiles(std::filesystem::path folder) : folder_(std::move(folder)) {
@@ -26,16 +25,15 @@ SessionFiles::SessionFiles(std::filesystem::path folder) : folder_(std::move(fol
   std::filesystem::create_directories(folder_, error);
   if (!error) {
     log_.open(folder_ / "frames.log", std::ios::app);
-    received_ = ::open((folder_ / kReceived).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+    received_.reset(::open((folder_ / kReceived).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644));
   }
-  if (error || !log_ || received_ < 0)
-    throw InputError(folder_.string(), "", "cannot write here: give --out a folder that can be made");
+  if (error || !log_ || !received_.open())
+    throw InputError(folder_.string(), "", "cannot write here: give --out a folder that can be created");
   if (log_.tellp() == 0) log_ << "# utc_ns verdict type vehicle dive sequence bytes\n";
 }
 
 SessionFiles::~SessionFiles() {
   (void)keep();
-  if (received_ >= 0) ::close(received_);
 }
 
 std::size_t SessionFiles::reload(const Take& take, const std::function<void()>& on_damage,
@@ -46,7 +44,7 @@ std::size_t SessionFiles::reload(const Take& take, const std::function<void()>& 
     const std::uint64_t whole = reader.offset();
     try {
       while (const auto packet = reader.next()) {
-        // A frame that was accepted and is not whole any more is damage too.
+        // A stored frame that is no longer whole is damage too.
         const FrameVerdict verdict = take(packet->bytes, packet->utc_ns);
         if (verdict == FrameVerdict::kUnkeyed && damage.empty())
           damage = path.string() + ": holds frames without this key, which are left out: give another --out";
@@ -92,7 +90,7 @@ void SessionFiles::log(const telemetry::DecodedFrame& frame, std::span<const std
     write();
   }
   if (!accepted && ++rejected_lines_ > kMaxRejectedLines) return;
-  log_.clear();  // a line that a full disk did not take is no loss
+  log_.clear();  // after a line that a full disk refused
   log_ << utc_ns << ' ' << name(frame.verdict) << ' ';
   if (accepted || frame.verdict >= FrameVerdict::kForeign) {
     log_ << name(frame.header.type) << ' ' << unsigned{frame.header.identity.vehicle_id} << ' '
@@ -107,16 +105,16 @@ void SessionFiles::write() {
   if (waiting_.empty()) return;
   synced_ = false;
   struct stat before {};
-  const bool known = ::fstat(received_, &before) == 0;
-  const ssize_t written = ::write(received_, waiting_.data(), waiting_.size());
+  const bool known = ::fstat(received_.get(), &before) == 0;
+  const ssize_t written = ::write(received_.get(), waiting_.data(), waiting_.size());
   if (written == static_cast<ssize_t>(waiting_.size())) {
     waiting_.clear();
     received_trouble_.clear();
     return;
   }
   received_trouble_ = std::strerror(written < 0 ? errno : ENOSPC);
-  // No half frame stays: it goes whole when there is room.
-  if (written > 0 && known && ::ftruncate(received_, before.st_size) != 0)
+  // A frame written in part is removed, and written whole when there is room.
+  if (written > 0 && known && ::ftruncate(received_.get(), before.st_size) != 0)
     received_trouble_ = std::strerror(errno);
 }
 
@@ -124,7 +122,7 @@ bool SessionFiles::keep() {
   write();
   if (!waiting_.empty()) return false;
   if (synced_) return lost_ == 0;
-  synced_ = ::fdatasync(received_) == 0;
+  synced_ = ::fdatasync(received_.get()) == 0;
   if (!synced_) received_trouble_ = std::strerror(errno);
   return synced_ && lost_ == 0;
 }
@@ -134,7 +132,8 @@ std::string SessionFiles::trouble() const {
   if (!received_trouble_.empty())
     text = (folder_ / kReceived).string() + " cannot be written (" + received_trouble_ +
            "): " + std::to_string(waiting_.size()) + " bytes wait in memory, and nothing new is acknowledged";
-  if (lost_ > 0) text += (text.empty() ? "" : "; ") + std::to_string(lost_) + " frames could not even wait";
+  if (lost_ > 0)
+    text += (text.empty() ? "" : "; ") + std::to_string(lost_) + " frames are lost for want of memory";
   return text;
 }
 

@@ -43,13 +43,14 @@ void SessionKeeper::run() {
         next_save = now + kSaveInterval;
         save();
       }
-      tellTrouble();
+      reportTrouble();
       if (last || now >= next_progress) {
         next_progress = now + kProgressInterval;
         printProgress();
       }
     } catch (const std::exception& error) {
-      std::cerr << "fathom-monitor: " << error.what() << std::endl;  // no memory: the next time, perhaps
+      // Out of memory: tried again the next time.
+      std::cerr << "fathom-monitor: " << error.what() << std::endl;
     }
   }
 }
@@ -60,7 +61,7 @@ void SessionKeeper::save() {
   exports_->save(view_);
 }
 
-void SessionKeeper::tellTrouble() {
+void SessionKeeper::reportTrouble() {
   std::string now;
   {
     const std::lock_guard lock(shared_.mutex);
@@ -70,7 +71,8 @@ void SessionKeeper::tellTrouble() {
     shared_.not_kept = now;
   }
   trouble_ = std::move(now);
-  std::cerr << "fathom-monitor: " << (trouble_.empty() ? "everything is kept again" : trouble_) << std::endl;
+  std::cerr << "fathom-monitor: " << (trouble_.empty() ? "everything is stored again" : trouble_)
+            << std::endl;
 }
 
 void SessionKeeper::printProgress() {

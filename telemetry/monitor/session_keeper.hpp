@@ -7,18 +7,19 @@
 #include <string>
 #include <thread>
 
-#include "telemetry/monitor/export/export_files.hpp"
+#include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/model/model_view.hpp"
 #include "telemetry/monitor/session_files.hpp"
 
 namespace fathom::monitor {
 
-// What a monitor does beside reception, on a thread of its own so that no frame and no answer to the vehicle
-// waits for it: a line of progress every 10 s, the exports every 30 s, both once more at the end; and what
-// cannot be kept, on stderr and in SharedModel::not_kept. Nothing ends it before its destruction.
+// Prints a line of progress every 10 s and saves the exports every 30 s, both once more at the end, and
+// reports what cannot be stored on stderr and in SharedModel::not_kept. Runs until its destruction on its own
+// thread, so that neither frames nor answers to the vehicle wait for it.
 class SessionKeeper {
  public:
-  // `files`: of reception, asked for trouble under the model's lock; null and no `folder`: nothing is kept.
+  // `files`: of reception, asked for trouble() under the model's lock; null, and an empty `folder`: nothing
+  // is stored.
   SessionKeeper(SharedModel& shared, const SessionFiles* files, const std::filesystem::path& folder);
   ~SessionKeeper();  // after the last save
   SessionKeeper(const SessionKeeper&) = delete;
@@ -27,7 +28,7 @@ class SessionKeeper {
  private:
   void run();
   void save();
-  void tellTrouble();
+  void reportTrouble();
   void printProgress();
 
   SharedModel& shared_;

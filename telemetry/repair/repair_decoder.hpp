@@ -13,9 +13,9 @@
 
 namespace fathom::telemetry {
 
-// Gives back lost map packets from repair frames (repair_symbol.hpp). Keeps the last kWindow frames and a few
-// groups' repair frames; what does not fit gives way, the oldest first. Bytes may be anything that passed a
-// frame's CRC. Nothing is allocated after construction; one solve() works on at most kMaxGroup unknowns.
+// Recovers lost map packets from repair frames (repair_symbol.hpp). Keeps the last kWindow frames and the
+// repair frames of kGroups groups; when full it evicts the oldest. Takes any bytes that passed a frame's tag.
+// Nothing is allocated after construction; one solve() has at most kMaxGroup unknowns.
 class RepairDecoder {
  public:
   static constexpr int kWindow = 512;  // frames
@@ -24,12 +24,12 @@ class RepairDecoder {
   RepairDecoder();
   void clear();
 
-  // A frame with a sequence number that arrived; `is_map`: a map packet, else its payload does not matter.
-  // Newer frames push older ones out of the window.
+  // Adds a received frame that has a sequence number; `is_map`: a map packet, otherwise its payload does not
+  // matter. Newer frames replace those that leave the window.
   void source(std::uint16_t sequence, std::span<const std::uint8_t> payload, bool is_map);
   enum class Taken { kTaken, kDuplicate, kInvalid };
-  // A repair frame's payload; `first`: the sequence number in its header; `digest`: of its group, if it has
-  // one.
+  // Adds a repair frame's payload; `first`: the sequence number in its header; `digest`: of its group, if it
+  // has one.
   Taken repair(std::uint16_t first, std::span<const std::uint8_t> payload,
                std::optional<std::uint8_t> digest = {});
 
@@ -38,7 +38,7 @@ class RepairDecoder {
 
   struct Counters {
     std::uint64_t solved = 0;        // groups with something missing
-    std::uint64_t evicted = 0;       // groups that gave way unsolved
+    std::uint64_t evicted = 0;       // groups evicted unsolved
     std::uint64_t contradicted = 0;  // groups whose frames cannot belong together
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }

@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "telemetry/repair/repair_symbol.hpp"
 
 namespace fathom::telemetry {
@@ -17,21 +17,22 @@ namespace fathom::telemetry {
 // that of independent losses, c = 1 - 1 / burst - loss / (burst (1 - loss)).
 [[nodiscard]] int repairRows(int k, double loss, double burst);
 
-// Makes repair frames (repair_symbol.hpp) for frames that nobody acknowledges. Frames form groups in the
+// Makes repair frames (repair_symbol.hpp) for frames that are not acknowledged. Frames form groups in the
 // order in which they are sent; the repair frames of a closed group are spread over the time in which the
 // next one is sent, taking turns with those of other groups, so that a burst takes little of any one.
-// Bounded: when kGroups are waiting the oldest gives way. Nothing is allocated after construction.
+// Bounded: when kGroups are waiting, the one with the fewest frames left is evicted. Nothing is allocated
+// after construction.
 class RepairEncoder {
  public:
   static constexpr int kGroups = 4;
 
   RepairEncoder();
 
-  // A frame went out; every version in turn. `loss`, `burst`: as expected now.
+  // Adds a frame that was sent; called for every version in turn. `loss`, `burst`: as expected now.
   void source(Version version, std::span<const std::uint8_t> payload, bool is_map, double loss, double burst);
-  // The frames pause: closes the group that is open.
+  // Closes the open group, when sending pauses.
   void close(double loss, double burst);
-  // Everything is known to have arrived, or will be sent again by itself.
+  // Drops all groups: everything has arrived, or will be sent again by itself.
   void clear();
 
   // Whether a repair frame should go before the next frame.
@@ -47,7 +48,7 @@ class RepairEncoder {
   [[nodiscard]] Row next(std::span<std::uint8_t> out);
   [[nodiscard]] std::size_t memoryBytes() const;
 
-  // In link_state.cpp, bit by bit.
+  // In link_scheduler_state.cpp, bit by bit.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 

@@ -5,18 +5,18 @@
 #include <cstdint>
 #include <span>
 
-#include "realtime/kernel/crc32.hpp"
+#include "realtime/base/bytes/crc32.hpp"
 #include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 
 // Repair frames: systematic Reed-Solomon over GF(2^8) with a Cauchy matrix (Bloemer et al. 1995, "An
-// XOR-based erasure-resilient coding scheme"), so that any k of a group's k + r frames give back all k.
+// XOR-based erasure-resilient coding scheme"), so that any k of a group's k + r frames recover all k.
 //
 // A group is up to kMaxGroup frames with consecutive sequence numbers. Member j counts as a symbol: u8 length
 // of its payload + 1, the payload, zeros up to the longest member; a member that is no map packet counts as
-// all zeros (status and track are out of date by the time they could be repaired). Row r of the matrix has
-// 1 / ((kMaxGroup + r) xor j) in column j.
+// all zeros (status and track are out of date by the time they could be repaired). Row r of the matrix has 1
+// / ((kMaxGroup + r) xor j) in column j.
 //
 // Payload of a repair frame, whose header carries the sequence number of member 0: u8 k - 1, u8 r, the row's
 // symbol.

@@ -5,12 +5,14 @@
 #include <numeric>
 #include <vector>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::int64_t kHour_ns = 3600 * std::int64_t{1'000'000'000};
-constexpr std::int64_t kSearchInterval_ns = 1'000'000'000;
-constexpr int kLapsBack = 13;  // of two hours each: a day, and one that is begun
+constexpr std::int64_t kHour_ns = 3600 * kSecond_ns;
+constexpr std::int64_t kSearchInterval_ns = kSecond_ns;
+constexpr int kLapsBack = 13;  // of two hours each: a day, and the current one
 
 std::array<std::uint16_t, 3> around(std::uint16_t lap) {
   return {lap, static_cast<std::uint16_t>(lap + 1), static_cast<std::uint16_t>(lap - 1)};
@@ -48,7 +50,7 @@ DecodedFrame LapSearch::decode(std::span<const std::uint8_t> bytes, const FrameT
     const auto sequence = static_cast<std::uint16_t>(peekFrame(bytes).header.version);
     const auto laps = around(lapOf(versionNear(sequence, *near)));
     frame = decodeFrame(bytes, tag, laps);
-    // Of a repair frame's tag only a part is its own, and it follows what it repairs.
+    // A repair frame's own tag is shorter, and it follows frames whose lap is known.
     if (frame.verdict != FrameVerdict::kBadTag || frame.header.type == MessageType::kRepair) return frame;
   }
   std::array<std::uint16_t, kLapsBack + 1> recent{};

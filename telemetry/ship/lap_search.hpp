@@ -8,14 +8,14 @@
 
 namespace fathom::telemetry {
 
-// Finds the lap of a keyed frame, which the frame leaves out: of a dive that is heard already, the lap that
-// was last or one beside it; else those that a dive of the last day has; else any, one frame a second, and
-// then only when the next frame confirms it. So a forged frame is tried against few laps, and a clock that is
-// years off costs two frames. Without a key there is no lap to find.
+// Finds the lap of a keyed frame, which the frame leaves out: during a dive the last lap or one beside it;
+// otherwise those of a dive of the last day; otherwise any, for one frame a second and accepted only when the
+// next frame confirms it. So a forged frame is tried against few laps, and a clock that is years off costs
+// two frames. Without a key there is no lap to find.
 class LapSearch {
  public:
   explicit LapSearch(bool keyed) : keyed_(keyed) {}
-  // `near`: the newest frame of the dive that is heard, by its sender's count.
+  // `near`: the newest frame of the dive, by its sender's count.
   [[nodiscard]] DecodedFrame decode(std::span<const std::uint8_t> bytes, const FrameTag& tag,
                                     std::optional<Version> near, std::int64_t now_ns);
 

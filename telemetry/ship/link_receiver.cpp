@@ -2,17 +2,17 @@
 
 #include <algorithm>
 
-#include "realtime/kernel/crc32.hpp"
+#include "realtime/base/bytes/crc32.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::size_t kLeastReach = 16;  // frames before the oldest turn spoken of
+constexpr std::size_t kLeastReach = 16;  // frames before the oldest turn that are acknowledged
 constexpr Version kLap = 0x10000;        // of sequence numbers
 
 }  // namespace
 
-Version LinkReceiver::beginAnew(Version version) {
+Version LinkReceiver::restart(Version version) {
   if (started_) ++counters_.resyncs;
   newest_ = version;
   began_ = version / kLap * kLap;
@@ -21,16 +21,16 @@ Version LinkReceiver::beginAnew(Version version) {
   turn_count_ = 0;
   slots_.fill({});
   repair_.clear();
-  held_.clear();
+  ship_frames_.clear();
   return newest_;
 }
 
-// Numbers that come again count as later ones.
-Version LinkReceiver::beginAfterNewest(std::uint16_t sequence) {
-  return beginAnew((started_ ? (newest_ / kLap + 2) * kLap : kLap) + sequence);
+// Restarts at later versions for sequence numbers that come again.
+Version LinkReceiver::restartAfterNewest(std::uint16_t sequence) {
+  return restart((started_ ? (newest_ / kLap + 2) * kLap : kLap) + sequence);
 }
 
-// A frame from before the window.
+// Admits a frame from before the window: late, or of a restarted sender.
 std::optional<Version> LinkReceiver::farBack(const DecodedFrame& frame, Version version,
                                              std::uint32_t digest) {
   const std::uint16_t sequence = frame.header.sequence();
@@ -39,24 +39,25 @@ std::optional<Version> LinkReceiver::farBack(const DecodedFrame& frame, Version 
     stale_run_ = stale_run_ > 0 && step > 0 && step < kWindow ? stale_run_ + 1 : 1;
     last_stale_ = sequence;
     if (stale_run_ < kStaleRun) return std::nullopt;
-    return beginAfterNewest(sequence);
+    return restartAfterNewest(sequence);
   }
-  if (!held_.holds(version)) return version;
-  return held_.holdsOther(version, digest) ? std::optional(beginAfterNewest(sequence)) : std::nullopt;
+  if (!ship_frames_.holds(version)) return version;
+  return ship_frames_.holdsOther(version, digest) ? std::optional(restartAfterNewest(sequence))
+                                                  : std::nullopt;
 }
 
 std::optional<Version> LinkReceiver::admit(const DecodedFrame& frame, std::uint32_t digest) {
   const std::uint16_t sequence = frame.header.sequence();
   if (!started_) {
     if (frame.whole_version)
-      (void)beginAnew(frame.header.version);
+      (void)restart(frame.header.version);
     else
-      (void)beginAfterNewest(sequence);
+      (void)restartAfterNewest(sequence);
   }
   Version version = frame.whole_version ? frame.header.version + shift_ : versionNear(sequence, newest_);
   const auto ahead = static_cast<std::int32_t>(version - newest_);
   if (ahead > static_cast<std::int32_t>(kLap)) {
-    (void)beginAnew(version);
+    (void)restart(version);
   } else if (ahead > 0) {
     for (int i = std::max(1, ahead - kWindow); i < ahead; ++i)
       slot(newest_ + static_cast<Version>(i)) = State::kMissing;
@@ -71,9 +72,9 @@ std::optional<Version> LinkReceiver::admit(const DecodedFrame& frame, std::uint3
     }
     version = *admitted;
   } else {
-    if (held_.holds(version) && !held_.holdsOther(version, digest)) return std::nullopt;
-    if (held_.holds(version)) {
-      version = beginAfterNewest(sequence);
+    if (ship_frames_.holds(version) && !ship_frames_.holdsOther(version, digest)) return std::nullopt;
+    if (ship_frames_.holds(version)) {
+      version = restartAfterNewest(sequence);
     } else if (ahead < 0) {
       if (slot(version) == State::kMissing) --counters_.lost;
       ++counters_.reordered;
@@ -82,8 +83,8 @@ std::optional<Version> LinkReceiver::admit(const DecodedFrame& frame, std::uint3
   if (frame.whole_version) shift_ = version - frame.header.version;
   stale_run_ = 0;
   if (newest_ - version < static_cast<Version>(kWindow)) slot(version) = State::kSeen;
-  held_.hold(version, digest);
-  if (damage_) held_.noteDamage(version);
+  ship_frames_.add(version, digest);
+  if (damage_) ship_frames_.noteDamage(version);
   damage_ = false;
   return version;
 }
@@ -129,7 +130,7 @@ DecodedFrame LinkReceiver::accept(std::span<const std::uint8_t> bytes, const Del
 void LinkReceiver::repair(const Deliver& deliver) {
   repair_.solve([&](std::uint16_t sequence, std::span<const std::uint8_t> payload) {
     if (!started_) return;
-    // Repair frames may overtake what they repair: a group's last frames, lost, are not missed yet.
+    // A repair frame may come before the frame after a group's lost end: that loss is not counted yet.
     const Version version = versionNear(sequence, newest_);
     const auto ahead = static_cast<std::int32_t>(version - newest_);
     if (ahead <= -kWindow || ahead > kMaxGroup) return;
@@ -138,10 +139,10 @@ void LinkReceiver::repair(const Deliver& deliver) {
       counters_.lost += static_cast<std::uint64_t>(ahead);
       newest_ = version;
     }
-    if (held_.holds(version)) return;
+    if (ship_frames_.holds(version)) return;
     if (slot(version) == State::kMissing) --counters_.lost;
     slot(version) = State::kSeen;
-    held_.hold(version, crc32(payload));
+    ship_frames_.add(version, crc32(payload));
     ++counters_.repaired;
     if (!deliver({MessageType::kMapPacket, version, payload})) ++counters_.repaired_invalid;
   });
@@ -151,7 +152,7 @@ Acknowledgement LinkReceiver::acknowledgement() const {
   std::size_t furthest = Acknowledgement::kMaxReach;
   if (turn_count_ >= kTurnsBack)
     furthest = std::min(furthest, std::size_t{newest_ - turns_[turn_count_ % kTurnsBack]} + kLeastReach);
-  return held_.latest(furthest);
+  return ship_frames_.latest(furthest);
 }
 
 }  // namespace fathom::telemetry

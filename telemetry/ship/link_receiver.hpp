@@ -8,58 +8,59 @@
 #include <span>
 
 #include "telemetry/repair/repair_decoder.hpp"
-#include "telemetry/ship/held_frames.hpp"
 #include "telemetry/ship/lap_search.hpp"
+#include "telemetry/ship/ship_frames.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 
-// The ship's end of the link: admits frames of one vehicle and dive, once each, repairs lost map packets from
-// repair frames, says what to acknowledge, and keeps the account of the rest. Sans-I/O; bounded.
+// The ship's end of the uplink: admits frames of one vehicle and dive, each once, recovers lost map packets
+// from repair frames, makes the acknowledgements, and counts the rest. Sans-I/O; bounded.
 class LinkReceiver {
  public:
   // The message of an accepted frame, or a map packet that was repaired; never a repair frame.
   struct Message {
     MessageType type = MessageType::kStatus;
-    Version version = 0;  // rises over the dive, whatever its sender's numbers do
+    Version version = 0;  // rises over the dive, also when the sender's numbers restart
     std::span<const std::uint8_t> payload;
   };
-  // Called in the order in which they become known: an older one may come after a newer. False: not valid.
+  // Called in order of reception: an older message may come after a newer. Returns false if the message is
+  // not valid.
   using Deliver = std::function<bool(const Message&)>;
 
   // Without an identity the first valid frame's is locked.
   explicit LinkReceiver(std::optional<LinkIdentity> identity = std::nullopt, const FrameTag& tag = {})
       : identity_(identity), tag_(tag), laps_(tag.keyed()) {}
 
-  // Takes one frame in any state, heard at `now_ns` (UTC; counts only with a key); says what became of it.
+  // Takes one frame of any bytes, received at `now_ns` (UTC; used only with a key), and returns its verdict.
   DecodedFrame accept(std::span<const std::uint8_t> bytes, const Deliver& deliver, std::int64_t now_ns = 0);
 
   // The frame accepted last said "your turn": the vehicle listens now.
   [[nodiscard]] bool turn() const { return turn_; }
-  // What to tell the vehicle: the newest sequence number and which of those before it arrived or were
-  // repaired, as far back as this receiver has listened, and no further than the last kTurnsBack turns (an
-  // answer takes the time in which the vehicle is silent). Not valid before the first frame.
+  // Acknowledgement of the newest frame and of those before it that arrived or were repaired, as far back as
+  // this receiver has listened and no further than the last kTurnsBack turns (a long answer takes the
+  // vehicle's time). Not valid before the first frame.
   [[nodiscard]] Acknowledgement acknowledgement() const;
-  // The same of frames further back, a place after the other; see HeldFrames::further().
+  // Acknowledgements of frames further back, one place after the other; see ShipFrames::further().
   [[nodiscard]] std::optional<Acknowledgement> furtherAcknowledgement(bool whole_dive) {
-    return held_.further(whole_dive);
+    return ship_frames_.further(whole_dive);
   }
-  // The first version of the dive that is heard now. It changes where another dive begins, or the vehicle has
-  // begun anew: what was delivered with earlier versions is of another map.
+  // The first version of the present dive. It changes when another dive begins or the vehicle restarts its
+  // numbers: what was delivered with earlier versions is of another map.
   [[nodiscard]] Version began() const { return began_; }
-  // Some of what was accepted before, in the ship's file, is lost: before the frame that is accepted next.
+  // Accepted frames before the one accepted next are lost from the ship's file.
   void noteDamage() { damage_ = true; }
 
   struct Counters {
     std::array<std::uint64_t, kFrameVerdicts> verdicts{};  // by FrameVerdict
     std::array<std::uint64_t, kMessageTypes> types{};      // accepted, by MessageType
     std::uint64_t frames = 0, bytes = 0;                   // everything given to accept()
-    std::uint64_t lost = 0;              // gaps in the sequence numbers that nothing has filled yet
-    std::uint64_t repaired = 0;          // gaps filled by repair frames
-    std::uint64_t reordered = 0;         // accepted after a later frame
-    std::uint64_t resyncs = 0;           // the sender began anew
-    std::uint64_t repaired_invalid = 0;  // repaired packets that `deliver` refused
+    std::uint64_t lost = 0;                                // gaps in the sequence numbers, not filled yet
+    std::uint64_t repaired = 0;                            // gaps filled by repair frames
+    std::uint64_t reordered = 0;                           // accepted after a later frame
+    std::uint64_t resyncs = 0;                             // restarts of the sender's numbers
+    std::uint64_t repaired_invalid = 0;                    // repaired packets that `deliver` refused
     [[nodiscard]] std::uint64_t operator[](FrameVerdict v) const {
       return verdicts[static_cast<std::size_t>(v)];
     }
@@ -68,20 +69,19 @@ class LinkReceiver {
   [[nodiscard]] const std::optional<LinkIdentity>& identity() const { return identity_; }
 
  private:
-  // The version of a frame that is new; nothing for one that is not. `header`: with the whole version, or the
-  // sequence number alone.
+  // The version under which a frame is admitted; nullopt for a duplicate.
   std::optional<Version> admit(const DecodedFrame& frame, std::uint32_t digest);
-  Version beginAnew(Version version);
-  Version beginAfterNewest(std::uint16_t sequence);
+  Version restart(Version version);
+  Version restartAfterNewest(std::uint16_t sequence);
   std::optional<Version> farBack(const DecodedFrame& frame, Version version, std::uint32_t digest);
   void repair(const Deliver& deliver);
 
-  // A number that comes again with other content, or, where the whole version is not known, kStaleRun rising
-  // numbers in a row from before the window: the sender began anew. What follows after however long a silence
-  // is an outage; with a key, a whole lap further on it is another dive.
+  // The sender has restarted when a number comes again with other content or, without the whole version,
+  // after kStaleRun rising numbers in a row from before the window. A silence of any length is an outage;
+  // with a key, a frame a whole lap further is of another dive.
   static constexpr int kWindow = RepairDecoder::kWindow;
   static constexpr int kStaleRun = 4;
-  static constexpr std::size_t kTurnsBack = 3;  // that all of so many answers were lost is unlikely
+  static constexpr std::size_t kTurnsBack = 3;  // answers that are unlikely to be lost all
 
   enum class State : std::uint8_t { kBeforeStart, kMissing, kSeen };
   [[nodiscard]] State& slot(Version version) { return slots_[version % static_cast<std::size_t>(kWindow)]; }
@@ -93,11 +93,11 @@ class LinkReceiver {
   std::array<Version, kTurnsBack> turns_{};  // the last ones, a ring
   std::size_t turn_count_ = 0;
   Version began_ = 0, newest_ = 0;
-  Version shift_ = 0;  // whole laps, between the sender's versions and ours
+  Version shift_ = 0;  // between the sender's versions and the receiver's, whole laps
   std::uint16_t last_stale_ = 0;
   int stale_run_ = 0;
   std::array<State, kWindow> slots_{};  // by version % kWindow, for (newest - kWindow, newest]
-  HeldFrames held_;
+  ShipFrames ship_frames_;
   RepairDecoder repair_;
   Counters counters_;
 };

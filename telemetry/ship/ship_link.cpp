@@ -7,8 +7,8 @@
 namespace fathom::telemetry {
 namespace {
 
-// Of so many frames one looks back for what is known to be missing; all but one, over the whole dive, where
-// the vehicle has sent no map since.
+// Of so many frames one acknowledges frames further back; all but one, over the whole dive, while the vehicle
+// sends no map.
 constexpr int kRound = 5;
 
 bool passed(const std::optional<std::int64_t>& since_ns, std::int64_t now_ns, double seconds) {
@@ -27,7 +27,7 @@ void ShipLink::meet(const LinkIdentity& identity) {
   if (!sender_) sender_.emplace(identity, key_, config_.frame_bytes);
 }
 
-bool ShipLink::hear(std::span<const std::uint8_t> modem_frame, const TakeFrame& take) {
+bool ShipLink::receive(std::span<const std::uint8_t> modem_frame, const TakeFrame& take) {
   bool any = false, accepted = false;
   LinkFrames frames(modem_frame);
   while (const auto frame = frames.next()) {
@@ -36,7 +36,7 @@ bool ShipLink::hear(std::span<const std::uint8_t> modem_frame, const TakeFrame& 
   }
   if (!any) return take(modem_frame);
   if (!accepted) return false;
-  // A padded one that is full to the last byte looks like one that is not.
+  // A padded modem frame that is full to the last byte does not show its padding.
   if (const std::size_t padded = paddedBytes(modem_frame); padded > 0 || modem_frame.size() != padded_)
     padded_ = padded;
   return true;
@@ -61,14 +61,14 @@ std::size_t ShipLink::nextFrame(std::int64_t now_ns, std::int64_t said_ns, std::
   if (!kept || kept()) {
     constexpr auto kMap = static_cast<std::size_t>(MessageType::kMapPacket);
     const std::uint64_t map_frames = receiver_.counters().types[kMap];
-    const bool idle = map_frames == told_map_frames_;
+    const bool idle = map_frames == acknowledged_map_frames_;
     const bool look_back = (round_ == kRound - 1) != idle;
     const auto further = look_back ? receiver_.furtherAcknowledgement(idle) : std::nullopt;
     round_ = (round_ + 1) % kRound;
-    if (!further) told_map_frames_ = map_frames;
+    if (!further) acknowledged_map_frames_ = map_frames;
     sender_->acknowledge(further.value_or(receiver_.acknowledgement()));
   }
-  // One that the vehicle's modem frames are too small for goes as it is.
+  // A frame too long for the vehicle's modem frames is sent without padding.
   const std::size_t bundled = kBundleHeadBytes + kBundleShareBytes + config_.frame_bytes;
   const bool padded = padded_ >= bundled && padded_ <= out.size();
   ModemFrameWriter modem(padded ? out.first(padded_) : out, padded);

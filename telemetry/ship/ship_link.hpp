@@ -13,38 +13,38 @@ namespace fathom::telemetry {
 
 struct ShipLinkConfig {
   std::size_t frame_bytes = kMinFrameBytes;  // of the downlink's frames, 32 to 256
-  double turn_s = 1;      // a turn not used for so long is over: the vehicle will speak again [s]
-  double silence_s = 60;  // without a word from the vehicle the ship speaks this often unasked [s]
+  double turn_s = 1;      // after which an unused turn is over: the vehicle sends again [s]
+  double silence_s = 60;  // without a frame from the vehicle, after which the ship sends without a turn [s]
 };
 
-// The ship's end of the link in both directions: LinkReceiver hears, DownlinkSender speaks, and this takes
-// turns between them. The ship speaks after a frame that gives it the turn, or after a long silence (the
-// vehicle may have been told to pause, or its turns may all have been lost). Sans-I/O; no clocks.
+// The ship's end of the link in both directions: takes turns between LinkReceiver and DownlinkSender. The
+// ship sends after a frame that gives it the turn, or after a long silence (the vehicle may be paused, or its
+// turns may all be lost). Sans-I/O; no clocks.
 class ShipLink {
  public:
   ShipLink(const std::optional<LinkIdentity>& identity, const std::optional<LinkKey>& key,
            const ShipLinkConfig& config = {});
 
-  // Takes one modem frame that arrived: gives each link frame in it to `take`, which accept()s it and says
-  // whether it was accepted; the modem frame itself where there is none in it. True: one was, at least. The
-  // answer is then padded to the size of what was heard, where that was padded (bundle.hpp).
+  // Takes one received modem frame: gives each link frame in it to `take`, which accept()s it and returns
+  // whether it was accepted; the modem frame itself when it holds none. True: at least one was accepted. The
+  // answer is then padded as this modem frame was (bundle.hpp).
   using TakeFrame = std::function<bool(std::span<const std::uint8_t> link_frame)>;
-  bool hear(std::span<const std::uint8_t> modem_frame, const TakeFrame& take);
+  bool receive(std::span<const std::uint8_t> modem_frame, const TakeFrame& take);
   // Takes one link frame that arrived now; see LinkReceiver::accept.
   DecodedFrame accept(std::int64_t now_ns, std::span<const std::uint8_t> frame,
                       const LinkReceiver::Deliver& deliver);
-  // The modem frame to send now (out: at least kMaxModemBytes); 0 when it is not the ship's turn or there is
-  // nothing to say. `now_ns` is UTC. Asked when it is the ship's turn: whether all that was received is kept.
-  // Without it, it is.
+  // Writes the modem frame to send now (out: at least kMaxModemBytes); 0 when it is not the ship's turn or
+  // there is nothing to send. `now_ns` is UTC. `kept` is called at the ship's turn: whether all that was
+  // received is stored and may be acknowledged; empty: yes.
   using Kept = std::function<bool()>;
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out) {
     return nextFrame(now_ns, now_ns, out);
   }
-  // `said_ns`: the time that the frame tells, UTC.
+  // `said_ns`: the time that the frame carries, UTC.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::int64_t said_ns, std::span<std::uint8_t> out,
                                       const Kept& kept = {});
 
-  // What to say; see DownlinkSender. Null until it is known which vehicle to speak to.
+  // Where requests and fixes are queued. Null until the vehicle is known.
   [[nodiscard]] DownlinkSender* sender() { return sender_ ? &*sender_ : nullptr; }
   [[nodiscard]] const DownlinkSender* sender() const { return sender_ ? &*sender_ : nullptr; }
   [[nodiscard]] const LinkReceiver& receiver() const { return receiver_; }
@@ -58,11 +58,12 @@ class ShipLink {
   ShipLinkConfig config_;
   LinkReceiver receiver_;
   std::optional<DownlinkSender> sender_;
-  int round_ = 0;                               // frames spoken, in rounds
-  std::uint64_t told_map_frames_ = UINT64_MAX;  // when the latest frames were acknowledged last
-  std::size_t padded_ = 0;                      // size of the answer; 0: as long as it is
-  std::optional<std::int64_t> turn_ns_;         // since when it is the ship's turn
-  std::optional<std::int64_t> quiet_ns_;        // since when nobody has spoken
+  int round_ = 0;  // frames sent, in rounds
+  std::uint64_t acknowledged_map_frames_ =
+      UINT64_MAX;                         // received when the latest frames were acknowledged last
+  std::size_t padded_ = 0;                // size of the answer; 0: as long as it is
+  std::optional<std::int64_t> turn_ns_;   // since when it is the ship's turn
+  std::optional<std::int64_t> quiet_ns_;  // since when no frame was sent or received
 };
 
 }  // namespace fathom::telemetry

@@ -32,8 +32,7 @@ Prefix prefix(std::size_t points, int components) {
 constexpr std::size_t kBoundsBytes = 8;
 constexpr std::size_t kSentBoundBytes = 2;
 
-std::size_t encodeUnchecked(std::span<const std::int16_t> values, int components,
-                            std::span<std::uint8_t> out) {
+std::size_t encodeCloud(std::span<const std::int16_t> values, int components, std::span<std::uint8_t> out) {
   const std::size_t points = values.size() / static_cast<std::size_t>(components);
   draco::PointCloud cloud;
   cloud.set_num_points(static_cast<std::uint32_t>(points));
@@ -62,7 +61,7 @@ std::size_t encodeUnchecked(std::span<const std::int16_t> values, int components
   return kSentBoundBytes + body;
 }
 
-bool decodeUnchecked(std::span<const std::uint8_t> bytes, int components, std::span<std::int16_t> values) {
+bool decodeCloud(std::span<const std::uint8_t> bytes, int components, std::span<std::int16_t> values) {
   const std::size_t points = values.size() / static_cast<std::size_t>(components);
   const Prefix head = prefix(points, components);
   std::vector<char> stream(head.begin(), head.end());
@@ -98,7 +97,7 @@ std::size_t encodeValues(std::span<const std::int16_t> values, int components, s
   if (!countsValid(values.size(), components) || *std::min_element(values.begin(), values.end()) != 0)
     return 0;
   try {
-    return encodeUnchecked(values, components, out);
+    return encodeCloud(values, components, out);
   } catch (const std::exception&) {  // out of memory
     return 0;
   }
@@ -107,7 +106,7 @@ std::size_t encodeValues(std::span<const std::int16_t> values, int components, s
 bool decodeValues(std::span<const std::uint8_t> bytes, int components, std::span<std::int16_t> values) {
   if (!countsValid(values.size(), components) || bytes.size() < kSentBoundBytes) return false;
   try {
-    return decodeUnchecked(bytes, components, values);
+    return decodeCloud(bytes, components, values);
   } catch (const std::exception&) {  // out of memory, or a length that Draco did not check
     return false;
   }

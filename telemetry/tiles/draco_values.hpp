@@ -7,9 +7,9 @@
 namespace fathom::telemetry {
 
 // Small integers through Draco's sequential point-cloud coder (difference prediction, rANS): `count` points
-// of `components` values, interleaved, each 0 to 32767 and the least of all 0. What is the same in every such
-// stream (26 bytes of header and attribute description) or follows from the caller's counts is not sent, so
-// hostile bytes cannot choose how much memory decoding takes. Draco allocates; best-effort tier only.
+// of `components` values, interleaved, each 0 to 32767 and the least of all 0. The 26 bytes that are the same
+// in every such stream or follow from the caller's counts are not sent, so that hostile bytes cannot choose
+// the memory of decoding. Draco allocates; best-effort tier only.
 inline constexpr std::size_t kMaxDracoPoints = 289;
 inline constexpr int kMaxDracoComponents = 4;
 

@@ -2,14 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <vector>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "telemetry/tiles/draco_values.hpp"
-#include "telemetry/tiles/lattice_mask.hpp"
 #include "telemetry/wire/field.hpp"
 
 namespace fathom::telemetry {
@@ -21,7 +21,6 @@ namespace {
 // which neighbouring tiles share come out equal and the tiles join.
 constexpr Field kSize{1, kMaxTileSize_mm, 1};
 constexpr Field kResolution{1, 1000, 1};  // [mm]
-constexpr unsigned kStrideBits = 2;       // log2
 constexpr unsigned kColourBits = 3;
 constexpr unsigned kDepthBits = 24;  // signed
 constexpr unsigned kSigmaBits = 6;
@@ -42,9 +41,9 @@ struct Lattice {
   }
 };
 
-// Luma in 2^bits steps, and two chroma differences (YCoCg) in steps half as large, all made positive.
-// Underwater chroma is small, so its steps must be finer to keep any hue; it hardly changes from node to node
-// and costs little.
+// Luma in 2^bits steps, and two chroma differences (YCoCg) in steps half as large, all offset to positive
+// numbers. Underwater chroma is small, so its steps must be finer to keep any hue; it hardly changes from
+// node to node and costs little.
 constexpr int kChromaFiner = 2;
 
 std::array<std::int16_t, 3> toLuma(const Rgb& colour, int bits) {
@@ -70,25 +69,79 @@ Rgb fromLuma(const std::int16_t* code, int bits) {
   return {channel(y - cg + co), channel(y + cg), channel(y - cg - co)};
 }
 
-std::uint64_t sigmaCode(float sigma) {
+std::uint64_t sigmaQuarterOctave(float sigma) {
   if (!(sigma > kSigmaFloor)) return 0;
   return static_cast<std::uint64_t>(
       std::clamp(std::lround(kSigmaSteps * std::log2(sigma / kSigmaFloor)), 0L, (1L << kSigmaBits) - 1));
 }
 
+// log2 of a stride of 1, 2, 4 or 8; -1 for any other.
 int strideCode(int stride) {
-  switch (stride) {
-    case 1:
-      return 0;
-    case 2:
-      return 1;
-    case 4:
-      return 2;
-    case 8:
-      return 3;
-    default:
-      return -1;
+  return stride >= 1 && stride <= 8 && std::has_single_bit(static_cast<unsigned>(stride))
+             ? std::countr_zero(static_cast<unsigned>(stride))
+             : -1;
+}
+
+unsigned gammaBits(std::size_t value) {
+  return 2 * static_cast<unsigned>(std::bit_width(value)) - 1;
+}
+
+// Calls visit(length) for each run; lengths are of unseen, seen, unseen, ... nodes, the first may be 0.
+template <class Visit>
+void forEachRun(std::span<const bool> seen, Visit visit) {
+  bool value = false;
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i <= seen.size(); ++i) {
+    if (i < seen.size() && seen[i] == value) continue;
+    visit(i - begin);
+    begin = i;
+    value = !value;
   }
+}
+
+// Which nodes of a lattice were seen, in the order of a walk over it. A full lattice costs one bit; otherwise
+// the shorter of one bit a node and run lengths (Elias gamma, first run unseen, may be empty).
+void putMask(BitWriter& writer, std::span<const bool> seen) {
+  const bool full = std::all_of(seen.begin(), seen.end(), [](bool s) { return s; });
+  writer.put(full ? 1 : 0, 1);
+  if (full) return;
+  std::size_t run_bits = 0;
+  forEachRun(seen, [&](std::size_t length) { run_bits += gammaBits(length + 1); });
+  const bool runs = run_bits < seen.size();
+  writer.put(runs ? 1 : 0, 1);
+  if (!runs) {
+    for (const bool s : seen) writer.put(s ? 1 : 0, 1);
+    return;
+  }
+  forEachRun(seen, [&](std::size_t length) {
+    const unsigned width = static_cast<unsigned>(std::bit_width(length + 1));
+    writer.put(0, width - 1);
+    writer.put(length + 1, width);
+  });
+}
+
+// Reads a mask of seen.size() nodes; false if the bits are not one.
+bool getMask(BitReader& reader, std::span<bool> seen) {
+  if (reader.get(1) == 1) {
+    std::fill(seen.begin(), seen.end(), true);
+    return reader.ok();
+  }
+  if (reader.get(1) == 0) {
+    for (bool& s : seen) s = reader.get(1) == 1;
+    return reader.ok();
+  }
+  bool value = false;
+  for (std::size_t i = 0; i < seen.size(); value = !value) {
+    unsigned zeros = 0;
+    while (reader.ok() && reader.get(1) == 0 && ++zeros < 16) {
+    }
+    if (!reader.ok() || zeros >= 16) return false;
+    const std::size_t length = (std::size_t{1} << zeros | reader.get(zeros)) - 1;
+    if (!reader.ok() || length > seen.size() - i || (length == 0 && i > 0)) return false;
+    std::fill_n(seen.begin() + static_cast<std::ptrdiff_t>(i), length, value);
+    i += length;
+  }
+  return true;
 }
 
 }  // namespace
@@ -137,7 +190,7 @@ std::size_t encodeTile(const HeightTile& tile, int stride, const TileCodecConfig
   w.put(static_cast<std::uint64_t>(strideCode(stride)), kStrideBits);
   w.put(kResolution, resolution_mm);
   w.put(static_cast<std::uint64_t>(config.colour_bits), kColourBits);
-  w.put(sigmaCode(median(std::span(sigmas).first(count))), kSigmaBits);
+  w.put(sigmaQuarterOctave(median(std::span(sigmas).first(count))), kSigmaBits);
   w.putSigned(least, kDepthBits);
   putMask(w, std::span(seen).first(lattice.count()));
   if (!w.ok()) return 0;

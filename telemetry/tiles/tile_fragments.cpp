@@ -10,7 +10,6 @@ namespace {
 
 constexpr unsigned kLevelBits = 4;
 constexpr unsigned kIndexBits = 15;  // signed
-constexpr unsigned kStrideBits = 2;  // log2
 constexpr unsigned kFragmentBits = 7;
 static_assert(kLevelBits + 2 * kIndexBits + kRevisionBits + kStrideBits + 2 * kFragmentBits ==
               8 * kFragmentHeaderBytes);
@@ -22,7 +21,7 @@ std::size_t pieceBytes(std::size_t frame_bytes) {
 
 }  // namespace
 
-bool makeTileId(const HeightTile& tile, int stride, TileId& id) {
+bool makeTileId(const HeightTile& tile, int stride, FragmentTile& id) {
   if (tile.level < 0 || tile.level >= 1 << kLevelBits || tile.north_index < -kIndexBound ||
       tile.north_index >= kIndexBound || tile.east_index < -kIndexBound || tile.east_index >= kIndexBound)
     return false;
@@ -36,7 +35,7 @@ int fragmentCount(std::size_t tile_bytes, std::size_t frame_bytes) {
   return static_cast<int>((tile_bytes + piece - 1) / piece);
 }
 
-std::size_t encodeFragment(const TileId& id, std::span<const std::uint8_t> tile, int index,
+std::size_t encodeFragment(const FragmentTile& id, std::span<const std::uint8_t> tile, int index,
                            std::size_t frame_bytes, std::span<std::uint8_t> out) {
   const std::size_t begin = static_cast<std::size_t>(index) * pieceBytes(frame_bytes);
   const int count = fragmentCount(tile.size(), frame_bytes);

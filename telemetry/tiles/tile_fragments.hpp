@@ -12,14 +12,14 @@
 
 namespace fathom::telemetry {
 
-// Which encoding of which tile a fragment belongs to.
-struct TileId {
+// The tile, revision and stride that a fragment belongs to.
+struct FragmentTile {
   std::int32_t north_index = 0, east_index = 0;
   int level = 0;               // 0 to 15
   std::uint16_t revision = 0;  // the lower kRevisionBits of HeightTile::revision
   int stride = 1;              // 1, 2, 4 or 8
-  friend bool operator==(const TileId&, const TileId&) = default;
-  [[nodiscard]] bool sameTile(const TileId& o) const {
+  friend bool operator==(const FragmentTile&, const FragmentTile&) = default;
+  [[nodiscard]] bool sameTile(const FragmentTile& o) const {
     return north_index == o.north_index && east_index == o.east_index && level == o.level;
   }
 };
@@ -33,26 +33,26 @@ inline constexpr unsigned kRevisionBits = 14;
 inline constexpr std::size_t kMaxPieceBytes = kMaxFrameBytes - kFrameOverhead - kFragmentHeaderBytes;
 
 struct TileFragment {
-  TileId id;
+  FragmentTile id;
   int index = 0, count = 0;
   std::span<const std::uint8_t> piece;
 };
 
 // The id under which a tile travels; false if its indices or level do not fit.
-[[nodiscard]] bool makeTileId(const HeightTile& tile, int stride, TileId& id);
+[[nodiscard]] bool makeTileId(const HeightTile& tile, int stride, FragmentTile& id);
 // Fragments needed for `tile_bytes` in frames of `frame_bytes`.
 [[nodiscard]] int fragmentCount(std::size_t tile_bytes, std::size_t frame_bytes);
 // The fragment `index` of an encoded tile as a frame's payload; returns its size, 0 if `out` is too small.
-[[nodiscard]] std::size_t encodeFragment(const TileId& id, std::span<const std::uint8_t> tile, int index,
-                                         std::size_t frame_bytes, std::span<std::uint8_t> out);
+[[nodiscard]] std::size_t encodeFragment(const FragmentTile& id, std::span<const std::uint8_t> tile,
+                                         int index, std::size_t frame_bytes, std::span<std::uint8_t> out);
 [[nodiscard]] bool decodeFragment(std::span<const std::uint8_t> payload, TileFragment& out);
 
 // True if revision a is newer than b (serial numbers that wrap, RFC 1982).
 [[nodiscard]] bool newerRevision(std::uint16_t a, std::uint16_t b);
 
-// Puts tiles together from fragments that come in any order, repeated or not at all. A fixed number of tiles
-// may be open; the one that has waited longest for a fragment gives way and is counted. A newer revision
-// drops the open older ones of the same tile and stride.
+// Reassembles tiles from fragments in any order, repeated or missing. A fixed number of tiles may be open;
+// when full, the one that has waited longest for a fragment is evicted and counted. A newer revision drops
+// the open older ones of the same tile and stride.
 class TileReassembler {
  public:
   explicit TileReassembler(int open_tiles = 64);
@@ -63,7 +63,7 @@ class TileReassembler {
   struct Counters {
     std::uint64_t fragments = 0;    // valid ones
     std::uint64_t invalid = 0;      // not a fragment
-    std::uint64_t repeated = 0;     // held already, or of a tile just completed
+    std::uint64_t repeated = 0;     // received already, or of a tile just completed
     std::uint64_t conflicting = 0;  // count or length disagree with the tile's other fragments
     std::uint64_t completed = 0;
     std::uint64_t undecodable = 0;  // complete, but not a tile
@@ -76,7 +76,7 @@ class TileReassembler {
  private:
   struct Slot {
     bool used = false, finished = false;  // finished: kept to recognise repeats
-    TileId id;
+    FragmentTile id;
     int count = 0, have = 0;
     std::uint64_t touched = 0;
     std::array<bool, kMaxFragments> present{};

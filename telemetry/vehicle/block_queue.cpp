@@ -32,8 +32,6 @@ MapBlock blockOf(const HeightTile& tile, SpacingCode spacing, int bi, int bj, do
   return block;
 }
 
-constexpr std::uint16_t kAllNodes = 0xFFFF;
-
 bool differ(const std::array<float, MapBlock::kNodes>& a, const std::array<float, MapBlock::kNodes>& b,
             std::uint16_t seen, double bound) {
   for (std::size_t n = 0; n < MapBlock::kNodes; ++n)
@@ -45,21 +43,19 @@ bool differ(const std::array<float, MapBlock::kNodes>& a, const std::array<float
 }  // namespace
 
 void BlockQueueConfig::validate() const {
-  const auto require = [](bool good, const char* what) {
-    if (!good) throw std::invalid_argument(what);
-  };
-  require(max_squares >= 1 && max_squares <= 1'000'000, "max_squares is outside 1 to 1000000");
-  require(spacing >= 0.0078125 && spacing <= 64, "spacing_m is outside 1/128 to 64 m");
+  requireBounds(max_squares >= 1 && max_squares <= 1'000'000, "max_squares is outside 1 to 1000000");
+  requireBounds(spacing >= 0.0078125 && spacing <= 64, "spacing_m is outside 1/128 to 64 m");
   const double ratio = coarse_spacing / spacing;
-  require(ratio >= 1 && ratio <= 64 && ratio == std::round(ratio),
-          "coarse_spacing_m is not a whole multiple of spacing_m, up to 64");
-  require(max_error >= 0.001 && max_error <= 10, "max_error_m is outside 0.001 to 10 m");
-  require(update_error >= max_error && update_error <= 100, "update_error_m is outside max_error_m to 100 m");
-  require(min_coverage >= 0 && min_coverage <= 1, "min_coverage is outside 0 to 1");
-  require(settle_s >= 0 && settle_s <= 600, "settle_s is outside 0 to 600 s");
-  require(max_wait_s >= settle_s && max_wait_s <= 3600, "max_wait_s is outside settle_s to 3600 s");
-  require(deadline_s >= 0 && deadline_s <= 3600, "deadline_s is outside 0 to 3600 s");
-  require(coarse_after_s >= 0 && coarse_after_s <= 3600, "coarse_after_s is outside 0 to 3600 s");
+  requireBounds(ratio >= 1 && ratio <= 64 && ratio == std::round(ratio),
+                "coarse_spacing_m is not a whole multiple of spacing_m, up to 64");
+  requireBounds(max_error >= 0.001 && max_error <= 10, "max_error_m is outside 0.001 to 10 m");
+  requireBounds(update_error >= max_error && update_error <= 100,
+                "update_error_m is outside max_error_m to 100 m");
+  requireBounds(min_coverage >= 0 && min_coverage <= 1, "min_coverage is outside 0 to 1");
+  requireBounds(settle_s >= 0 && settle_s <= 600, "settle_s is outside 0 to 600 s");
+  requireBounds(max_wait_s >= settle_s && max_wait_s <= 3600, "max_wait_s is outside settle_s to 3600 s");
+  requireBounds(deadline_s >= 0 && deadline_s <= 3600, "deadline_s is outside 0 to 3600 s");
+  requireBounds(coarse_after_s >= 0 && coarse_after_s <= 3600, "coarse_after_s is outside 0 to 3600 s");
 }
 
 BlockQueue::BlockQueue(const BlockQueueConfig& config)
@@ -73,7 +69,8 @@ BlockQueue::BlockQueue(const BlockQueueConfig& config)
   remembered_.reserve(squares_.size() * kRememberedASquare);
 }
 
-// The other side may show what was sent of it, until there is word that it was withdrawn.
+// Remembers which frames carried the square's blocks: the ship may show them until it acknowledges that they
+// were withdrawn.
 void BlockQueue::remember(const Square& s) {
   Remembered r{s.spacing, s.north, s.east, 0, {}};
   bool unsent = false, unsure = false;
@@ -82,12 +79,12 @@ void BlockQueue::remember(const Square& s) {
     const bool delivered = b.state == State::kDelivered;
     unsent = unsent || b.wanted;
     unsure = unsure || b.state == State::kInFlight;
-    // A ship that loses what withdrew it may still hear what it withdrew, while that is on its way.
+    // A ship that has lost the withdrawal may still receive an older frame of the block.
     if (b.last == 0 || (delivered && b.held_seen == 0 && b.has < oldest_)) continue;
     r.version[k] = delivered ? b.has : b.last;
     if (delivered) r.has = static_cast<std::uint16_t>(r.has | 1U << k);
   }
-  if (gave_way_ && (unsent || unsure)) gave_way_({s.spacing, s.north, s.east}, !unsent);
+  if (on_evicted_ && (unsent || unsure)) on_evicted_({s.spacing, s.north, s.east}, !unsent);
   if (r.version == decltype(r.version){}) return;
   if (remembered_.size() == remembered_.capacity()) {
     ++counters_.forgotten;
@@ -109,14 +106,14 @@ void BlockQueue::recall(Square& s) {
   remembered_.erase(found);
 }
 
-void BlockQueue::giveWay(std::size_t slot) {
+void BlockQueue::evict(std::size_t slot) {
   Square& s = squares_[slot];
   remember(s);
   for (const Block& b : s.blocks) {
     if (!b.wanted) continue;
     ++counters_.evicted;
     if (s.spacing != fine_ || coarse_ == fine_) continue;
-    // Its area has only the coarse block left.
+    // The coarse block alone is left of this area.
     const std::int32_t n = floorDiv(b.content.key.north, ratio_), e = floorDiv(b.content.key.east, ratio_);
     if (const auto c = index_.find(coarse_, floorDiv(n, kBlocksASide), floorDiv(e, kBlocksASide)))
       for (Block& coarse : squares_[*c].blocks)
@@ -137,7 +134,7 @@ std::size_t BlockQueue::slotFor(SpacingCode spacing, std::int32_t north, std::in
   std::size_t best = 0;
   for (std::size_t i = 1; i < squares_.size(); ++i)
     if (rank(squares_[i]) < rank(squares_[best])) best = i;
-  if (squares_[best].used) giveWay(best);
+  if (squares_[best].used) evict(best);
   Square& s = squares_[best];
   s.used = true;
   s.spacing = spacing;
@@ -149,12 +146,11 @@ std::size_t BlockQueue::slotFor(SpacingCode spacing, std::int32_t north, std::in
   return best;
 }
 
-// Whether the other side should get the block's content: it holds less, or something else.
+// Whether the block's content should be sent: the ship has fewer nodes of it, or other depths.
 bool BlockQueue::differs(const Square& square, const Block& b) const {
   if (b.content.seen != b.held_seen) return true;
   if (b.content.seen == 0) return false;
-  // Of what was sent more than once the other side may show any sending, from the one that there is word of
-  // on.
+  // Of content sent more than once the ship may show any sending, from the acknowledged one on.
   const double spread = b.moved && b.has != b.last ? static_cast<double>(b.spread) : 0;
   const double bound = std::max(0.0, config_.update_error * square.max_error / config_.max_error - spread);
   return static_cast<double>(b.held_error) > square.max_error * (1 + 1e-6) ||
@@ -190,7 +186,7 @@ void BlockQueue::offer(const HeightTile& tile, double max_error, std::int64_t no
   Square& s = squares_[slotFor(*spacing, tile.north_index, tile.east_index)];
   s.order = ++order_;
   s.max_error = std::min(s.max_error, max_error);
-  // Smaller changes are those of an average that takes in one more observation.
+  // Smaller changes are those of a mean with one more observation.
   const double still = config_.update_error / 4;
   for (std::size_t k = 0; k < 16; ++k) {
     Block& b = s.blocks[k];
@@ -217,7 +213,7 @@ void BlockQueue::sent(const Batch& batch, std::size_t count, std::span<const Map
       ++counters_.resent;
     else if (b.held_seen != 0)
       ++counters_.updated;
-    // What was sent before and may arrive is another content, where that has moved since.
+    // After a move, earlier sendings that may still arrive are of other content.
     if (!repeat || b.moved || decoded[k].seen != b.held_seen) {
       b.first = version;
       b.spread = 0;
@@ -267,7 +263,7 @@ std::optional<BlockQueue::Whole> BlockQueue::delivered(const BlockRef& ref, Vers
   for (const Block& other : square.blocks)
     if (other.content.seen != 0 && (other.state != State::kDelivered || other.wanted || other.blocked))
       return std::nullopt;
-  square.max_error = config_.max_error;  // what was requested finer is served
+  square.max_error = config_.max_error;  // the request for a finer error is served
   return Whole{square.spacing, square.north, square.east};
 }
 
@@ -306,12 +302,12 @@ void BlockQueue::settle(Remembered& r, const Holds& holds, Version oldest) {
       r.has = static_cast<std::uint16_t>(r.has | 1U << k);
       continue;
     }
-    if (!had && !held && r.version[k] >= oldest) continue;  // there may be word yet
+    if (!had && !held && r.version[k] >= oldest) continue;  // may still be acknowledged
     if (had) ++counters_.missed;
     r.has = static_cast<std::uint16_t>(r.has & ~(1U << k));
     lacks = true;
   }
-  if (lacks && gave_way_) gave_way_({r.spacing, r.north, r.east}, false);
+  if (lacks && on_evicted_) on_evicted_({r.spacing, r.north, r.east}, false);
 }
 
 void BlockQueue::noteUnknownFrames() {
@@ -321,7 +317,7 @@ void BlockQueue::noteUnknownFrames() {
 }
 
 void BlockQueue::mayShowAnything(Block& b) {
-  b.held_seen = kAllNodes;
+  b.held_seen = MapBlock::kWhole;
   b.held.fill(std::numeric_limits<float>::quiet_NaN());
 }
 

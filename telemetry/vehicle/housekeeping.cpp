@@ -6,24 +6,18 @@
 #include <tuple>
 #include <utility>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
 constexpr double kTrackGoal = 0.99;       // probability that a track point arrives
 constexpr unsigned kTrackHeadBits = 100;  // the newest point, count and width
-constexpr unsigned kTrackStepBits = 40;   // of a usual older point: 10 for time, 3 x 10 for up to 51 m of way
-constexpr double kReportGoal = 0.99;      // probability that a report arrives before there is word
-constexpr int kTellings = 8;              // of a report without word, before it goes seldom
-constexpr int kSeldom = 6;                // times the period, of what the ship has or nobody answers for
-constexpr std::size_t kLeastTrackPoints = 4;  // with fewer, status messages say the same for less
-
-std::int64_t nanoseconds(double seconds) {
-  return std::llround(seconds * 1e9);
-}
-
-void require(bool good, const char* what) {
-  if (!good) throw std::invalid_argument(what);
-}
+constexpr unsigned kTrackStepBits = 40;   // of an older point: 10 for time, 3 x 10 for up to 51 m of track
+constexpr double kReportGoal = 0.99;      // probability that a report arrives without acknowledgement
+constexpr int kPromptSendings = 8;        // of an unacknowledged report at the status period; then seldom
+constexpr int kSeldom = 6;                // times the period, of what is acknowledged or stays unanswered
+constexpr std::size_t kLeastTrackPoints = 4;  // with fewer, status messages carry the same in fewer bytes
 
 }  // namespace
 
@@ -33,13 +27,15 @@ int repeatsForGoal(double loss, double goal) {
 }
 
 void HousekeepingConfig::validate() const {
-  require(share >= 0.01 && share <= 1, "housekeeping_share is outside 0.01 to 1");
-  require(status_period_s >= 0.1 && status_period_s <= 3600, "status_period_s is outside 0.1 to 3600 s");
-  require(mission_info_period_s >= 1 && mission_info_period_s <= 36000,
-          "mission_info_period_s is outside 1 to 36000 s");
-  require(track_interval_s >= 0.1 && track_interval_s <= 600, "track_interval_s is outside 0.1 to 600 s");
-  require(track_points >= 2 && track_points <= static_cast<int>(kMaxTrackPoints),
-          "track_points is outside 2 to 63");
+  requireBounds(share >= 0.01 && share <= 1, "housekeeping_share is outside 0.01 to 1");
+  requireBounds(status_period_s >= 0.1 && status_period_s <= 3600,
+                "status_period_s is outside 0.1 to 3600 s");
+  requireBounds(mission_info_period_s >= 1 && mission_info_period_s <= 36000,
+                "mission_info_period_s is outside 1 to 36000 s");
+  requireBounds(track_interval_s >= 0.1 && track_interval_s <= 600,
+                "track_interval_s is outside 0.1 to 600 s");
+  requireBounds(track_points >= 2 && track_points <= static_cast<int>(kMaxTrackPoints),
+                "track_points is outside 2 to 63");
 }
 
 Housekeeping::Housekeeping(const HousekeepingConfig& config, int frame_bytes, double loss)
@@ -59,7 +55,7 @@ void Housekeeping::plan(double rate_bps, double least_s) {
   const double track_bytes =
       overhead + (kTrackHeadBits + static_cast<double>(points - 1) * kTrackStepBits) / 8;
   const double info_bytes = overhead + static_cast<double>(std::min(room_, kMaxNameBytes));
-  // Every point must travel so often that it arrives; twice at least, for a loss rate that was set too low.
+  // Each point is sent often enough to arrive, at least twice in case the loss rate is set too low.
   const int repeats = std::max(2, repeatsForGoal(loss_, kTrackGoal));
   const double track_period =
       std::max(1.0, std::floor(static_cast<double>(points) / repeats)) * config_.track_interval_s;
@@ -69,16 +65,16 @@ void Housekeeping::plan(double rate_bps, double least_s) {
            info_bytes / config_.mission_info_period_s);
   stretch_ = std::max({1.0, bits_per_s / (config_.share * rate_bps), least_s / config_.status_period_s});
   track_points_ = has_track ? points : 0;
-  track_interval_ns_ = nanoseconds(stretch_ * config_.track_interval_s);
-  status_timer_.period_ns = nanoseconds(stretch_ * config_.status_period_s);
-  track_timer_.period_ns = nanoseconds(stretch_ * track_period);
-  info_timer_.period_ns = nanoseconds(stretch_ * config_.mission_info_period_s);
-  report_gap_ns_ = nanoseconds(2 * static_cast<double>(room_bits) / rate_bps);
+  track_interval_ns_ = rt::nanoseconds(stretch_ * config_.track_interval_s);
+  status_timer_.period_ns = rt::nanoseconds(stretch_ * config_.status_period_s);
+  track_timer_.period_ns = rt::nanoseconds(stretch_ * track_period);
+  info_timer_.period_ns = rt::nanoseconds(stretch_ * config_.mission_info_period_s);
+  report_gap_ns_ = rt::nanoseconds(2 * static_cast<double>(room_bits) / rate_bps);
 }
 
 bool Housekeeping::Kept::word(Version version, bool arrived) {
   if (version != last || last == 0) return true;
-  told = arrived;
+  confirmed = arrived;
   return arrived;
 }
 
@@ -95,19 +91,19 @@ void Housekeeping::word(Version version, bool arrived) {
 void Housekeeping::settle(const BlockQueue::Holds& holds, Version oldest) {
   track_.settle(holds, oldest);
   for (const auto& [kept, timer] : {std::pair{&report_kept_, &report_timer_}, {&info_kept_, &info_timer_}}) {
-    if (kept->last == 0 || !kept->told || holds(kept->last).value_or(true)) continue;
-    kept->told = false;
+    if (kept->last == 0 || !kept->confirmed || holds(kept->last).value_or(true)) continue;
+    kept->confirmed = false;
     timer->next_ns = 0;
   }
 }
 
-void Housekeeping::setReport(Report report, double loss) {
+void Housekeeping::setReport(StateReport report, double loss) {
   report_sendings_ = repeatsForGoal(loss, kReportGoal);
   if (status_) report.health = status_->health;
-  const auto wishes = [](const Report& r) { return std::tie(r.paused, r.rate_bps, r.requests); };
-  const bool changed = report_ && wishes(*report_) != wishes(report);
-  // That a flag is set no more can wait for the next status.
-  const bool raised = (report.health & ~told_health_) != 0;
+  const auto outcomes = [](const StateReport& r) { return std::tie(r.paused, r.rate_bps, r.requests); };
+  const bool changed = report_ && outcomes(*report_) != outcomes(report);
+  // A flag that was cleared waits for the next status.
+  const bool raised = (report.health & ~sent_health_) != 0;
   report_ = report;
   if (!changed && !raised) return;
   report_kept_ = {};
@@ -125,29 +121,30 @@ void Housekeeping::setStatus(const Status& s) {
 std::size_t Housekeeping::status(std::int64_t now_ns, std::span<std::uint8_t> out) {
   if (!status_) return 0;
   status_timer_.done(now_ns);
-  told_health_ = status_->health;
+  sent_health_ = status_->health;
   return encodeStatus(*status_, out.first(std::min(out.size(), room_)));
 }
 
 std::size_t Housekeeping::spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out) {
   const std::int64_t sent_ns = status_timer_.next_ns - status_timer_.period_ns;
-  return now_ns - sent_ns >= nanoseconds(std::max(config_.status_period_s, least_s_)) ? status(now_ns, out)
-                                                                                      : 0;
+  return now_ns - sent_ns >= rt::nanoseconds(std::max(config_.status_period_s, least_s_))
+             ? status(now_ns, out)
+             : 0;
 }
 
 std::size_t Housekeeping::next(std::int64_t now_ns, Version version, std::span<std::uint8_t> out,
                                MessageType& type) {
   out = out.first(std::min(out.size(), room_));
-  if (report_ && !report_kept_.told && report_timer_.due(now_ns)) {
+  if (report_ && !report_kept_.confirmed && report_timer_.due(now_ns)) {
     const int sendings = ++report_kept_.sendings;
-    report_timer_.period_ns = sendings < report_sendings_ ? report_gap_ns_
-                              : sendings < kTellings      ? status_timer_.period_ns
-                                                          : kSeldom * status_timer_.period_ns;
+    report_timer_.period_ns = sendings < report_sendings_  ? report_gap_ns_
+                              : sendings < kPromptSendings ? status_timer_.period_ns
+                                                           : kSeldom * status_timer_.period_ns;
     report_timer_.done(now_ns);
     report_kept_.last = version;
-    told_health_ = report_->health;
+    sent_health_ = report_->health;
     type = MessageType::kReport;
-    return encodeReport(*report_, out);
+    return encodeStateReport(*report_, out);
   }
   if (status_ && status_timer_.due(now_ns)) {
     type = MessageType::kStatus;
@@ -155,9 +152,9 @@ std::size_t Housekeeping::next(std::int64_t now_ns, Version version, std::span<s
   }
   if (info_ && info_timer_.due(now_ns)) {
     info_timer_.done(now_ns);
-    // One that the ship has is for those who only listen.
-    if (info_kept_.told) info_timer_.next_ns += (kSeldom - 1) * info_timer_.period_ns;
-    if (!info_kept_.told) info_kept_.last = version;
+    // Once acknowledged it is sent for listeners alone.
+    if (info_kept_.confirmed) info_timer_.next_ns += (kSeldom - 1) * info_timer_.period_ns;
+    if (!info_kept_.confirmed) info_kept_.last = version;
     type = MessageType::kMissionInfo;
     return encodeMissionInfo(*info_, out);
   }

@@ -5,12 +5,11 @@
 #include <optional>
 #include <span>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "telemetry/vehicle/block_queue.hpp"
 #include "telemetry/vehicle/track_log.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
-#include "telemetry/wire/report.hpp"
 #include "telemetry/wire/status.hpp"
 #include "telemetry/wire/track.hpp"
 
@@ -26,36 +25,37 @@ struct HousekeepingConfig {
   void validate() const;  // throws std::invalid_argument naming the value
 };
 
-// Report, status, mission info and track, and when each is due. The report goes at once when something of it
-// changes that the ship should know, and report and mission info again until there is word that the ship has
-// them. Where a frame has room for no more than a few track points, status messages make the track alone.
+// Schedules report, status, mission info and track. The report is sent at once when a request's outcome
+// changes or a health flag is raised; report and mission info are repeated until they are acknowledged. When
+// a frame has room for only a few track points, the status messages are the track.
 class Housekeeping {
  public:
   Housekeeping(const HousekeepingConfig& config, int frame_bytes, double loss);
-  // At another rate the periods are other ones; none is shorter than `least_s`.
+  // Computes the periods for a rate; none is shorter than `least_s`.
   void plan(double rate_bps, double least_s);
 
   void setStatus(const Status& status);
-  // The health of it is the status's. `loss`: share of frames that are lost now.
-  void setReport(Report report, double loss);
+  // Sets the report, with the status's health. `loss`: share of frames that are lost now.
+  void setReport(StateReport report, double loss);
   void setMissionInfo(const MissionInfo& info) { info_ = info; }
   void sendStatusNow() { status_timer_.next_ns = 0; }
 
-  // The payload of the message that is due, 0 for none; it goes with frame `version`.
+  // Writes the payload of the message that is due, to be sent with frame `version`; 0: none.
   [[nodiscard]] std::size_t next(std::int64_t now_ns, Version version, std::span<std::uint8_t> out,
                                  MessageType& type);
-  // There is word of a frame; and what there is to say of all frames of the past (see BlockQueue::settle).
+  // The outcome of one frame; and of all earlier frames (see BlockQueue::settle).
   void word(Version version, bool arrived);
   void settle(const BlockQueue::Holds& holds, Version oldest);
-  // While the link has nothing else to send: the status at its own period, not the stretched one; 0 for none.
+  // Status while the link has nothing else to send, at the period as configured, not stretched; 0: none.
   [[nodiscard]] std::size_t spareStatus(std::int64_t now_ns, std::span<std::uint8_t> out);
 
-  // While there is time: points of the track that were lost; 0 for none.
+  // Lost points of the track, for spare time; 0: none.
   [[nodiscard]] std::size_t spareTrack(Version version, std::span<std::uint8_t> out);
 
   [[nodiscard]] double stretch() const { return stretch_; }  // factor on the periods
 
-  // In link_state.cpp: bit by bit, but for mission info; into one that has planned for the same rate.
+  // In link_scheduler_state.cpp: all but mission info, bit by bit, into one that has planned for the same
+  // rate.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 
@@ -72,8 +72,8 @@ class Housekeeping {
   HousekeepingConfig config_;
   std::size_t room_;  // payload of a frame [B]
   double loss_;
-  int report_sendings_ = 1;         // at once, so that one arrives
-  std::int64_t report_gap_ns_ = 0;  // between them: a short burst does not take two
+  int report_sendings_ = 1;         // in quick succession, so that one arrives
+  std::int64_t report_gap_ns_ = 0;  // between them, longer than a short burst of loss
   std::optional<Status> status_;
   std::optional<MissionInfo> info_;
   TrackLog track_;
@@ -81,27 +81,27 @@ class Housekeeping {
   std::int64_t track_interval_ns_ = 0;
   [[nodiscard]] std::size_t status(std::int64_t now_ns, std::span<std::uint8_t> out);
 
-  // A message that the ship should have as it is.
+  // A message that is repeated until the ship has acknowledged its present content.
   struct Kept {
-    Version last = 0;   // the frame that carried it as it is; 0: none
-    bool told = false;  // there was word that the ship has it
+    Version last = 0;        // the frame that carried its present content; 0: none
+    bool confirmed = false;  // acknowledged by the ship
     int sendings = 0;
-    // False: it has to go again.
+    // Notes a frame's outcome; false: the message is to be sent again.
     bool word(Version version, bool arrived);
 
     template <typename Archive, typename Self>
     static void exchange(Archive& archive, Self& self) {
-      archive(self.last, self.told, self.sendings);
+      archive(self.last, self.confirmed, self.sendings);
     }
   };
-  std::optional<Report> report_;
-  std::uint16_t told_health_ = 0;               // in the last report or status that was sent
-  Kept report_kept_{.told = true}, info_kept_;  // of a report without news there is nothing to tell
+  std::optional<StateReport> report_;
+  std::uint16_t sent_health_ = 0;                    // in the last report or status that was sent
+  Kept report_kept_{.confirmed = true}, info_kept_;  // a first report without news is not sent
   Timer status_timer_, info_timer_, track_timer_, report_timer_;
   double stretch_ = 1, least_s_ = 0;
 };
 
-// How often a message must be sent so that it arrives with probability >= goal when each is lost with
+// Number of sendings after which a message arrives with probability >= goal when each is lost with
 // probability `loss`: the least n with 1 - loss^n >= goal.
 [[nodiscard]] int repeatsForGoal(double loss, double goal);
 

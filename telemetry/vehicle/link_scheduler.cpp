@@ -6,38 +6,32 @@
 #include <stdexcept>
 #include <utility>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/vehicle/link_scheduler_impl.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-// A caller that asks late still gets the whole rate: the bucket holds two frames, or a second's worth.
+// The bucket holds two frames, or a second's worth, so that a late caller still gets the whole rate.
 constexpr std::size_t kBucketFrames = 2;
 constexpr double kBucketSeconds = 1;
-constexpr std::size_t kDownlinkBytes = 48;  // of a usual frame of the ship, where frames are that long
+constexpr std::size_t kDownlinkBytes = 48;  // of a usual downlink frame
 constexpr double kTurnMargin_s = 0.5;       // for the ship to answer
 constexpr double kRepeatGoal = 0.95;        // probability that a block has arrived after its repeats
-constexpr double kRepeatFrames = 2;         // between repeats: a short burst does not take both
-constexpr int kMostRepeats = 200;           // of a block that nobody has answered for
-constexpr double kCarousel_s = 60;          // between two of these
+constexpr double kRepeatFrames = 2;         // between repeats, longer than a short burst of loss
+constexpr int kMostRepeats = 200;           // of a block that stays unacknowledged
+constexpr double kCarousel_s = 60;          // between two repeats of the carousel
 constexpr double kListenShare = 0.2;        // of the time, by rule
 constexpr int kMaxTurnFrames = static_cast<int>(Acknowledgement::kMaxReach) / 2;
 constexpr int kMaxMapColourBits = 6;
-constexpr double kMaxPreambleBits = 5e5;  // that would leave in its time: the token bucket counts them
-
-std::int64_t nanoseconds(double seconds) {
-  return std::llround(seconds * 1e9);
-}
-
-void require(bool good, const char* what) {
-  if (!good) throw std::invalid_argument(what);
-}
+constexpr double kMaxPreambleBits =
+    5e5;  // that the time of a preamble would carry: the token bucket counts them
 
 std::size_t largestModemFrame(const LinkSchedulerConfig& c) {
   return static_cast<std::size_t>(c.modem_bytes > 0 ? c.modem_bytes : c.frame_bytes);
 }
 
-// What a modem frame takes of the link, its preamble as the bits that would leave in that time.
+// Bits of the rate that a modem frame takes; its preamble counts as the bits that its time would carry.
 std::size_t linkBits(const LinkSchedulerConfig& c, std::size_t bytes) {
   return bytes * 8 + static_cast<std::size_t>(c.preamble_s * c.rate_bps);
 }
@@ -46,13 +40,13 @@ double airSeconds(const LinkSchedulerConfig& c, std::size_t bytes) {
   return c.preamble_s + static_cast<double>(bytes) * 8 / c.rate_bps;
 }
 
-// What is left of the rate where every modem frame is full and has its preamble [bit/s].
+// Rate without preambles, when every modem frame is full [bit/s].
 double usableRate(const LinkSchedulerConfig& c) {
   const std::size_t bytes = largestModemFrame(c);
   return c.rate_bps * c.duty * static_cast<double>(bytes * 8) / static_cast<double>(linkBits(c, bytes));
 }
 
-// A frame that is always full must not go for a status alone too often: of so many one may.
+// Least period of a status [s]: of kPaddedFrames padded frames one may carry a status alone.
 double leastPeriod(const LinkSchedulerConfig& c) {
   constexpr double kPaddedFrames = 4;
   return c.padded ? kPaddedFrames * airSeconds(c, largestModemFrame(c)) : 0;
@@ -86,25 +80,27 @@ std::size_t linkBucketBits(const LinkSchedulerConfig& config) {
 }
 
 void LinkSchedulerConfig::validate() const {
-  require(rate_bps >= 10 && rate_bps <= 1e6, "rate_bps is outside 10 to 1e6 bit/s");
-  require(frame_bytes >= static_cast<int>(kMinFrameBytes) && frame_bytes <= static_cast<int>(kMaxFrameBytes),
-          "frame_bytes is outside 32 to 256");
-  require(modem_bytes == 0 ||
-              (modem_bytes >= static_cast<int>(kMinModemBytes) &&
-               modem_bytes <= static_cast<int>(kMaxModemBytes) &&
-               modem_bytes >= frame_bytes + static_cast<int>(kBundleHeadBytes + kBundleShareBytes)),
-          "modem_bytes is neither 0 nor 64 to 2048 and frame_bytes + 2 at least");
-  require(!padded || modem_bytes > 0, "padded needs modem_bytes");
-  require(preamble_s >= 0 && preamble_s <= 5, "preamble_s is outside 0 to 5 s");
-  require(preamble_s * rate_bps <= kMaxPreambleBits, "preamble_s is too long at this rate_bps");
-  require(duty >= 0.05 && duty <= 1, "duty is outside 0.05 to 1");
-  require(loss_rate >= 0 && loss_rate <= 0.9, "loss_rate is outside 0 to 0.9");
-  require(mean_burst >= 0 && mean_burst <= 100, "mean_burst is outside 0 to 100 frames");
-  require(listen_every_s >= 0 && listen_every_s <= 3600, "listen_every_s is outside 0 to 3600 s");
-  require(listen_every_frames >= 0 && listen_every_frames <= 256, "listen_every_frames is outside 0 to 256");
-  require(listen_s >= 0 && listen_s <= 60, "listen_s is outside 0 to 60 s");
-  require(max_delay_s >= 0 && max_delay_s <= 30, "max_delay_s is outside 0 to 30 s");
-  require(colour_bits >= 0 && colour_bits <= kMaxMapColourBits, "colour_bits is outside 0 to 6");
+  requireBounds(rate_bps >= 10 && rate_bps <= 1e6, "rate_bps is outside 10 to 1e6 bit/s");
+  requireBounds(
+      frame_bytes >= static_cast<int>(kMinFrameBytes) && frame_bytes <= static_cast<int>(kMaxFrameBytes),
+      "frame_bytes is outside 32 to 256");
+  requireBounds(modem_bytes == 0 ||
+                    (modem_bytes >= static_cast<int>(kMinModemBytes) &&
+                     modem_bytes <= static_cast<int>(kMaxModemBytes) &&
+                     modem_bytes >= frame_bytes + static_cast<int>(kBundleHeadBytes + kBundleShareBytes)),
+                "modem_bytes is neither 0 nor 64 to 2048 and frame_bytes + 2 at least");
+  requireBounds(!padded || modem_bytes > 0, "padded needs modem_bytes");
+  requireBounds(preamble_s >= 0 && preamble_s <= 5, "preamble_s is outside 0 to 5 s");
+  requireBounds(preamble_s * rate_bps <= kMaxPreambleBits, "preamble_s is too long at this rate_bps");
+  requireBounds(duty >= 0.05 && duty <= 1, "duty is outside 0.05 to 1");
+  requireBounds(loss_rate >= 0 && loss_rate <= 0.9, "loss_rate is outside 0 to 0.9");
+  requireBounds(mean_burst >= 0 && mean_burst <= 100, "mean_burst is outside 0 to 100 frames");
+  requireBounds(listen_every_s >= 0 && listen_every_s <= 3600, "listen_every_s is outside 0 to 3600 s");
+  requireBounds(listen_every_frames >= 0 && listen_every_frames <= 256,
+                "listen_every_frames is outside 0 to 256");
+  requireBounds(listen_s >= 0 && listen_s <= 60, "listen_s is outside 0 to 60 s");
+  requireBounds(max_delay_s >= 0 && max_delay_s <= 30, "max_delay_s is outside 0 to 30 s");
+  requireBounds(colour_bits >= 0 && colour_bits <= kMaxMapColourBits, "colour_bits is outside 0 to 6");
   housekeeping.validate();
   blocks.validate();
 }
@@ -116,7 +112,7 @@ LinkScheduler::Impl::Impl(const LinkSchedulerConfig& c)
       sent(listenSeconds(c), c.loss_rate, expectedBurst(c), c.first),
       housekeeping(c.housekeeping, c.frame_bytes, c.loss_rate),
       turns(listenEvery(c), listenSeconds(c)),
-      wishes(c.rate_bps) {
+      lasting(c.rate_bps) {
   if (config.listen_every_frames == 0) config.listen_every_frames = kMaxTurnFrames;
   housekeeping.plan(usableRate(c), leastPeriod(c));
 }
@@ -141,14 +137,15 @@ std::size_t LinkScheduler::Impl::repairFrame() {
 
 std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
   queue.repeat(sendings, after_s);
-  // Blind, a packet leaves room for the head of the frame that may repair it; what comes again needs none.
+  // Without acknowledgements a packet leaves room for the head of the frame that may repair it; the carousel
+  // needs none.
   const std::size_t room = payloadRoom() - (blind() && !again ? kRepairMargin : 0);
   const auto out = std::span(payload).first(room);
   // A block takes a byte at the very least.
   while (queue.gather(now, room, batch)) {
     const std::span<const MapBlock> blocks = std::span(batch.blocks).first(batch.size);
-    // What does not fit goes without colour; then of the block that is too long for a frame by itself as many
-    // nodes as fit: what is shown keeps the error. A repeat takes away nothing that the other side may have.
+    // Blocks that do not fit are sent without colour, and then of a block too long for a frame as many nodes
+    // as fit within the error. A repeat is sent whole, as it must remove no nodes that the ship may have.
     MapPacketEncoder::Result result =
         encoder.encode(blocks, {batch.max_error, config.colour_bits}, out, decoded);
     if (result.bytes == 0 && isRest()) return 0;  // it may fit the next frame
@@ -170,15 +167,15 @@ std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
   return 0;
 }
 
-// Nothing is left but frames without word: the oldest of them goes again, to have something that can carry
-// the turn, and more likely than not the ship lacks it.
+// When only unacknowledged frames are left, sends the oldest blocks again: the ship probably lacks them, and
+// a frame is needed to give the turn.
 std::size_t LinkScheduler::Impl::probe() {
   if (!turns.everAnswered() || !turns.due(std::max(busy_until, now), true) || !queue.doubt()) return 0;
   return mapPacket(1, 0);
 }
 
-// Where nobody answers, nobody can say what is missing, or that the ship has come late: spare time goes to
-// all that was sent, over and over.
+// Repeats everything that was sent in spare time while no answers come: what the ship lacks is unknown, and
+// it may have come late.
 std::size_t LinkScheduler::Impl::carousel() {
   again = !turns.answered();
   return again ? mapPacket(kMostRepeats, kCarousel_s) : 0;
@@ -190,8 +187,8 @@ std::size_t LinkScheduler::Impl::choose() {
   again = false;
   frame_version = sent.next();
   frame_group = 0;
-  if (const auto rate = wishes.lapse(now)) setRate(*rate);
-  housekeeping.setReport({0, wishes.paused(), config.rate_bps, wishes.outcomes()}, sent.loss());
+  if (const auto rate = lasting.lapse(now)) setRate(*rate);
+  housekeeping.setReport({0, lasting.paused(), config.rate_bps, lasting.outcomes()}, sent.loss());
   if (const std::size_t size =
           housekeeping.next(now, frame_version, std::span(payload).first(payloadRoom()), type)) {
     ++(type == MessageType::kStatus        ? counters.status_frames
@@ -203,13 +200,13 @@ std::size_t LinkScheduler::Impl::choose() {
   if (!blind()) repair.clear();
   if (repair.due() && !isRest())
     if (const std::size_t size = repairFrame()) return size;
-  if (wishes.paused()) {
+  if (lasting.paused()) {
     const std::size_t size = housekeeping.spareStatus(now, payload);
     type = MessageType::kStatus;
     counters.status_frames += size > 0 ? 1 : 0;
     return size;
   }
-  // Room goes to what has no word yet; blind, repair frames do that better.
+  // Spare room takes unacknowledged blocks; without acknowledgements, repair frames do that better.
   const double frame_s = static_cast<double>(config.frame_bytes) * 8 / config.rate_bps;
   const int sendings = turns.answered() ? repeatsForGoal(sent.loss(), kRepeatGoal) : 1;
   if (const std::size_t size = mapPacket(sendings, std::max(kRepeatFrames * frame_s, 1.0))) return size;
@@ -231,12 +228,12 @@ std::size_t LinkScheduler::Impl::choose() {
   return carousel();
 }
 
-// Whether the frame just made, gone at left_ns, is the last before the vehicle listens.
+// Whether the present frame, which ends at left_ns, is the last before the vehicle listens.
 bool LinkScheduler::Impl::turnAfter(std::int64_t left_ns) {
-  // An answer to a report is waited for.
+  // The vehicle waits for an answer to a report.
   const bool idle =
       type == MessageType::kReport ||
-      (!repair.pending() && (wishes.paused() || !queue.ready(now)) && queue.census().in_flight > 0);
+      (!repair.pending() && (lasting.paused() || !queue.ready(now)) && queue.census().in_flight > 0);
   return turns.due(left_ns, idle) ||
          (turns.enabled() && turns.answered() && frames_since_turn >= config.listen_every_frames);
 }
@@ -256,8 +253,8 @@ void LinkScheduler::offer(const HeightTile& tile, std::int64_t now_ns, double ma
   impl_->queue.offer(tile, max_error > 0 ? max_error : impl_->config.blocks.max_error, now_ns);
 }
 
-void LinkScheduler::onGaveWay(BlockQueue::GaveWay gave_way) {
-  impl_->queue.onGaveWay(std::move(gave_way));
+void LinkScheduler::onEvicted(BlockQueue::OnEvicted on_evicted) {
+  impl_->queue.onEvicted(std::move(on_evicted));
 }
 
 bool LinkScheduler::hasRoom() const {
@@ -265,7 +262,7 @@ bool LinkScheduler::hasRoom() const {
 }
 
 bool LinkScheduler::spare() const {
-  // A modem frame's worth, so that none leaves half empty.
+  // One modem frame's worth of blocks, so that no frame leaves half empty.
   constexpr int kLeastBlockBytes = 16;
   return !impl_->turns.answered() &&
          impl_->queue.census().waiting <= impl_->config.modem_bytes / kLeastBlockBytes;
@@ -278,7 +275,8 @@ void LinkScheduler::eachHeld(
 
 bool LinkScheduler::Impl::addFrame(std::size_t payload_bytes, std::int64_t begin_ns,
                                    ModemFrameWriter& modem) {
-  busy_until = begin_ns + nanoseconds(airSeconds(config, modem.bytesWith(payload_bytes + kFrameOverhead)));
+  busy_until =
+      begin_ns + rt::nanoseconds(airSeconds(config, modem.bytesWith(payload_bytes + kFrameOverhead)));
   const auto body = std::span<const std::uint8_t>(payload).first(payload_bytes);
   if (type != MessageType::kRepair) {
     if (blind() && !again)
@@ -304,15 +302,15 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
   s.bucket.advance(s.now);
   const std::size_t most = largestModemFrame(s.config);
   if (out.size() < most || s.turns.listening(s.now) || !s.bucket.has(linkBits(s.config, most))) return 0;
-  // The modem holds at most one frame besides the one that it sends, so that turns come when they are due.
+  // The modem holds at most one frame besides the one being sent, so that turns are given when due.
   const double longest_s = std::max(airSeconds(s.config, most), kBucketSeconds);
-  if (s.busy_until > s.now + nanoseconds(longest_s)) return 0;
+  if (s.busy_until > s.now + rt::nanoseconds(longest_s)) return 0;
 
   ModemFrameWriter modem(out.first(most), s.config.padded);
   const std::int64_t begin_ns = std::max(s.busy_until, s.now);
   const Version first = s.sent.next();
   bool more = true;
-  // What a bundle has left takes a shorter frame.
+  // The rest of a bundle takes a shorter frame.
   while (more && modem.room().size() >= kMinFrameBytes) {
     s.frame_room = std::min(modem.room().size(), static_cast<std::size_t>(s.config.frame_bytes));
     const std::size_t payload_bytes = s.choose();
@@ -328,7 +326,7 @@ std::size_t LinkScheduler::nextFrame(std::int64_t now_ns, std::span<std::uint8_t
 
 void LinkScheduler::noteRestart() {
   Impl& s = *impl_;
-  // As many of the shortest frames as leave in the seconds that a log may lack, and a few.
+  // The number of the shortest frames in the seconds that a log may lack, and a few more.
   constexpr double kLacking_s = 2, kFew = 4;
   const double bytes =
       kLacking_s * s.config.rate_bps * s.config.duty / 8 + static_cast<double>(s.config.modem_bytes);
@@ -370,7 +368,7 @@ LinkScheduler::Counters LinkScheduler::counters() const {
   c.loss = s.sent.loss();
   c.periods_stretched = s.housekeeping.stretch();
   c.rate_bps = s.config.rate_bps;
-  c.paused = s.wishes.paused();
+  c.paused = s.lasting.paused();
   return c;
 }
 

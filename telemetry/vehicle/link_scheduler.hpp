@@ -6,20 +6,20 @@
 #include <memory>
 #include <span>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "recon/geometry/height_tile.hpp"
 #include "telemetry/vehicle/block_queue.hpp"
 #include "telemetry/vehicle/housekeeping.hpp"
 #include "telemetry/vehicle/sent_frames.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
-#include "telemetry/wire/report.hpp"
+#include "telemetry/wire/status.hpp"
 
 namespace fathom::telemetry {
 
 struct LinkSchedulerConfig {
   LinkIdentity identity;
-  FrameTag tag;                        // that proves the frames
+  FrameTag tag;                        // that authenticates the frames
   Version first = SentFrames::kFirst;  // frame; see firstVersion()
   double rate_bps = 300;  // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
   int frame_bytes = 128;  // largest link frame, 32 to 256 [B]
@@ -27,16 +27,16 @@ struct LinkSchedulerConfig {
   // bytes at most (bundle.hpp); 0: each by itself.
   int modem_bytes = 0;
   bool padded = false;          // always a bundle, filled with zeros to modem_bytes
-  double preamble_s = 0;        // that the modem needs for each modem frame beside its bits, 0 to 5 [s]
+  double preamble_s = 0;        // that each modem frame takes beside its bits, 0 to 5 [s]
   double duty = 1;              // share of the time that the modem may send, 0.05 to 1
-  double loss_rate = 0.1;       // share of frames expected to be lost before there is word, 0 to 0.9
-  double mean_burst = 0;        // frames lost in a row, as expected before there is word; 0: each by itself
-  bool repair = true;           // Reed-Solomon frames while nobody acknowledges
+  double loss_rate = 0.1;       // share of frames expected to be lost, until measured, 0 to 0.9
+  double mean_burst = 0;        // frames lost in a row, expected until measured; 0: each by itself
+  bool repair = true;           // Reed-Solomon frames while no acknowledgements come
   bool half_duplex = true;      // takes turns with the ship; false: never listens
   double listen_every_s = 0;    // between turns; 0: by rule, so that listening takes a fifth of the time
   int listen_every_frames = 0;  // or after so many frames; 0: at most half of what one can acknowledge
   double listen_s = 0;          // 0: by rule, 2 max_delay_s and the ship's modem frame
-  double max_delay_s = 1;       // one way, of sound and modems [s]
+  double max_delay_s = 1;       // in one direction, of sound and modems [s]
   HousekeepingConfig housekeeping;
   int colour_bits = 3;  // of a map packet's brightness, 0 (no colour) to 6
   BlockQueueConfig blocks;
@@ -44,16 +44,16 @@ struct LinkSchedulerConfig {
   void validate() const;  // throws std::invalid_argument naming the value
 };
 
-// Decides what crosses the acoustic link next. Sans-I/O and deterministic: the caller gives the time, sends
-// the frames and passes on what the ship says. Order of importance:
+// Decides what the vehicle sends next over the acoustic link. Sans-I/O and deterministic: the caller gives
+// the time, sends the frames and passes on the ship's messages. Priorities:
 //   1 status, mission info and track when due (within their share of the rate);
-//   2 repair frames, while nobody acknowledges;
+//   2 repair frames, while no acknowledgements come;
 //   3 map packets in BlockQueue's order.
-// The modem is never given more than it can send within a second or a modem frame; over any window of W
-// seconds no more than rate * duty * W / 8 + two modem frames (or a second's worth) leave, where the time of
-// each preamble counts as the bits that would have left in it. With an acknowledgement each block
-// is sent again, as it is then, until it has arrived. Without, each group of frames is followed by as many
-// repair frames as the loss asks for.
+// The modem never holds more than it can send within a second or a modem frame. Over any window of W seconds
+// at most rate * duty * W / 8 + two modem frames (or a second's worth) leave; a preamble counts as the bits
+// that its time would carry. While acknowledgements come, each lost block is sent again with its present
+// content until it has arrived. Otherwise each group of frames is followed by as many repair frames as the
+// loss requires.
 //
 // Everything is bounded and counted; nextFrame() does not call the heap.
 class LinkScheduler {
@@ -64,20 +64,20 @@ class LinkScheduler {
   // The vehicle's latest state; also samples the track.
   void setStatus(const Status& status);
   void setMissionInfo(const MissionInfo& info);
-  // A tile's latest content: its sixteen blocks are sent as far as the other side does not hold them, with an
-  // error of at most `max_error` [m]; 0: as configured.
+  // Takes a tile's latest content: those of its sixteen blocks that the ship lacks are sent, with an error of
+  // at most `max_error` [m]; 0: as configured.
   void offer(const HeightTile& tile, std::int64_t now_ns, double max_error = 0);
 
-  // See BlockQueue: what is to be offered again when there is room; with `spare`, when nothing else is to be
-  // sent and nobody answers.
-  void onGaveWay(BlockQueue::GaveWay gave_way);
+  // Called for evicted squares (see BlockQueue::OnEvicted): the caller offers them again when hasRoom(),
+  // those with `spare` when spare().
+  void onEvicted(BlockQueue::OnEvicted on_evicted);
   [[nodiscard]] bool hasRoom() const;
-  [[nodiscard]] bool spare() const;  // less of the map waits than a bundle takes, and nobody answers
+  [[nodiscard]] bool spare() const;  // fewer blocks wait than a bundle takes, and no answers come
   // See BlockQueue::eachHeld().
   void eachHeld(const std::function<void(const BlockKey&, Version, Version, const MapBlock&)>& visit) const;
 
-  // What the ship said. Any of them, and heard() for a frame with neither, ends listening.
-  // `on_whole`, unless empty, is called for every square that the ship now holds as it is.
+  // The ship's messages. Each of them, and received() for a frame with none, ends listening. `on_whole`,
+  // unless empty, is called for every square of which the ship now has all of the present content.
   void acknowledge(const Acknowledgement& acknowledgement, std::int64_t now_ns,
                    const std::function<void(const BlockQueue::Whole&)>& on_whole = {});
   // `counter`: of the downlink frame that brought it.
@@ -85,22 +85,22 @@ class LinkScheduler {
   // The frame that an acknowledgement names, if it left within the last `within_s`.
   [[nodiscard]] std::optional<Version> sentLately(const Acknowledgement& a, std::int64_t now_ns,
                                                   double within_s) const;
-  void heard(std::int64_t now_ns);
+  void received(std::int64_t now_ns);
 
-  // Detail that was requested and not served yet, the oldest first. The caller offers tiles of the request's
-  // spacing inside the rectangle, with its error, then calls detailServed().
+  // The oldest request for detail that is not served yet; null: none. The caller offers tiles of its spacing
+  // inside the rectangle, with its error, then calls detailServed().
   struct Detail {
     double north_min = 0, north_max = 0, east_min = 0, east_max = 0;  // nav [m]
     double spacing = 0, max_error = 0;                                // [m]
-    RequestOutcome request;                                           // that asked for it
+    RequestOutcome request;                                           // its outcome so far
   };
   [[nodiscard]] const Detail* detail() const;
   void detailServed();
 
-  // Writes the next modem frame into `out` (at least frame_bytes, modem_bytes where that is set) and returns
-  // its size; 0 when there is nothing to say, the rate does not allow it yet or the vehicle listens. A bundle
-  // takes link frames until there is nothing more to say, no room for another of 32 B, or one gives the turn.
-  // Call again until 0. `now_ns` never runs backwards.
+  // Writes the next modem frame into `out` (at least frame_bytes, or modem_bytes where that is set) and
+  // returns its size; 0 when there is nothing to send, the rate does not allow it yet or the vehicle listens.
+  // A bundle takes link frames until there is nothing more to send, no room for another of 32 B, or one gives
+  // the turn. Call again until 0. `now_ns` never runs backwards.
   [[nodiscard]] std::size_t nextFrame(std::int64_t now_ns, std::span<std::uint8_t> out);
 
   struct Counters {
@@ -116,27 +116,28 @@ class LinkScheduler {
     BlockQueue::Counters blocks;
     int squares_held = 0;          // in the pool
     int blocks_waiting = 0;        // to be sent
-    int blocks_in_flight = 0;      // sent, without word
+    int blocks_in_flight = 0;      // sent, unacknowledged
     double loss = 0;               // expected now
     double periods_stretched = 1;  // factor on the housekeeping periods
     double rate_bps = 0;
     bool paused = false;
   };
   [[nodiscard]] Counters counters() const;
-  // Nothing of the map waits, and of what was sent there is word, or nobody to give it.
+  // Whether nothing of the map waits and all that was sent is acknowledged, or sent often enough where no
+  // answers come.
   [[nodiscard]] bool drained() const;
   [[nodiscard]] std::size_t memoryBytes() const;  // of the pool and the buffers
 
-  // The program has started again with what was saved, and may have sent frames since that it does not know
-  // of: their sequence numbers are not used for others, or the ship would take it for a new dive's.
+  // The program has restarted from its saved state and may have sent frames since: skips their sequence
+  // numbers, as the ship takes reused ones for a new dive's.
   void noteRestart();
-  // The same, by whoever has seen every frame that left: `next` is the first version that is free (in logs of
-  // before its sequence number), given to the modem at `now_ns`. Where the last of them gave the turn, the
-  // ship's time to answer begins then, however late the caller's inputs are.
+  // The same from a caller that logs every frame that leaves: `next` is the first unused version (in older
+  // logs its sequence number), and the last frame was given to the modem at `now_ns`. If that frame gave the
+  // turn, the ship's time to answer begins then, however late the caller's inputs are.
   void noteSent(Version next, std::int64_t now_ns);
 
-  // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
-  // of it. One whose load() failed is of no use.
+  // Saves and loads all but mission info, for the same configuration: the loaded scheduler continues with the
+  // same frames, bit by bit. After a failed load() it must not be used.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 

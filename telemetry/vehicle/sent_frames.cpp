@@ -3,17 +3,19 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
-// Loss is a mean over the last so many frames, or fewer of them where bursts are looked at.
+// Frames in the running means of the loss and of the loss after a lost frame.
 constexpr double kLossMemory = 100;
 constexpr double kBurstMemory = 30;
 
 }  // namespace
 
 SentFrames::SentFrames(double round_trip_s, double expected_loss, double expected_burst, Version first)
-    : round_trip_ns_(std::llround(round_trip_s * 1e9)),
+    : round_trip_ns_(rt::nanoseconds(round_trip_s)),
       frames_(kFrames),
       first_(first),
       next_(first),
@@ -75,16 +77,16 @@ std::optional<bool> SentFrames::wordOf(Version version) const {
 void SentFrames::acknowledge(const Acknowledgement& a, Version newest, std::int64_t now_ns,
                              const Word& word) {
   ++counters_.acknowledgements;
-  const bool latest = newest >= heard_;
-  heard_ = std::max(heard_, newest);
+  const bool latest = newest >= newest_acknowledged_;
+  newest_acknowledged_ = std::max(newest_acknowledged_, newest);
   for (Version version = oldest(); version < next_; ++version) {
     Frame& f = frames_[version % kFrames];
     if (!f.open) continue;
     bool arrived = false;
-    if (const auto heard = version <= newest ? a.heardBack(newest - version) : std::nullopt)
-      arrived = *heard;
+    if (const auto received = version <= newest ? a.receivedBack(newest - version) : std::nullopt)
+      arrived = *received;
     else if (!latest || (version > newest && now_ns - f.left_ns < round_trip_ns_))
-      continue;  // it is of earlier frames, or the answer may still come
+      continue;  // the acknowledgement is of earlier frames, or the answer may still come
     f.open = false;
     f.arrived = arrived;
     learn(arrived);

@@ -12,7 +12,7 @@ namespace fathom::telemetry {
 
 inline constexpr int kBlocksASide = 4;  // of a square of 16 x 16 nodes
 
-// Which square a block lies in, or which coarse block a fine one lies under.
+// Quotient rounded down: the square that holds a block, or the coarse block over a fine one.
 [[nodiscard]] constexpr std::int32_t floorDiv(std::int32_t a, std::int32_t b) {
   return a / b - (a % b != 0 && (a < 0) != (b < 0) ? 1 : 0);
 }
@@ -48,7 +48,7 @@ class SquareIndex {
     std::int32_t slot = -1;
   };
   static std::uint64_t pack(SpacingCode spacing, std::int32_t north, std::int32_t east) {
-    constexpr std::uint64_t kMask = (1U << 24) - 1;  // 16 million squares each way
+    constexpr std::uint64_t kMask = (1U << 24) - 1;  // 16 million squares in each direction
     return std::uint64_t{spacing} << 48 | (static_cast<std::uint64_t>(north) & kMask) << 24 |
            (static_cast<std::uint64_t>(east) & kMask);
   }

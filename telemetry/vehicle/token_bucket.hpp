@@ -7,7 +7,7 @@
 
 namespace fathom::telemetry {
 
-// Keeps a rate: over any window of W seconds at most rate * W + capacity bits are taken. Whole numbers, so
+// Limits a rate: over any window of W seconds at most rate * W + capacity bits are taken. Whole numbers, so
 // that the same calls give the same answers everywhere. One unit of credit is 1e-12 bit (millibits per second
 // times ns).
 class TokenBucket {

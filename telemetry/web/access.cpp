@@ -9,7 +9,7 @@
 #include <fstream>
 #include <stdexcept>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::web {
 namespace {
@@ -37,7 +37,7 @@ std::string_view withoutPort(std::string_view host) {
 
 }  // namespace
 
-// In constant time: how long it takes tells nothing about how much of the token was right.
+// Compares in constant time: the time shows nothing of how much of the token matched.
 bool Access::matches(std::string_view given) const {
   unsigned difference = given.size() == token_.size() ? 0 : 1;
   for (std::size_t i = 0; i < token_.size(); ++i) {

@@ -6,13 +6,13 @@
 
 namespace fathom::web {
 
-// What of a request decides whether it may enter. Absent headers are empty.
+// The parts of a request that decide its access. Absent headers are empty.
 struct AccessRequest {
   std::string_view method;  // "GET", "POST"
   std::string_view host;    // header Host
   std::string_view cookie;  // header Cookie
   std::string_view token_header, token_query;
-  std::string_view fetch_site;   // header Sec-Fetch-Site: who made the browser ask
+  std::string_view fetch_site;   // header Sec-Fetch-Site: the origin of the request
   bool has_page_header = false;  // kPageHeader, which no other site's page can send
 };
 
@@ -21,16 +21,16 @@ enum class AccessVerdict { kEnter, kEnterAndSetCookie, kUnauthorised, kForbidden
 inline constexpr const char* kPageHeader = "X-Fathom";
 inline constexpr const char* kTokenHeader = "X-Fathom-Token";
 
-// Who may use the page. With a token every request must bring it: in a header, in the cookie that the page's
-// first address (?token=...) sets, or in the address. Without one (loopback only) the request must name this
-// machine as its host, so that no other site's name can be pointed here. Whatever changes something needs the
-// page's own header as well, and must not come from another site's page, where the browser says so.
+// Access to the page. With a token every request must have it: in a header, in the cookie that the page's
+// first address (?token=...) sets, or in the address. Without a token (loopback only) the request must name
+// this machine as its host, so that another site's name cannot be resolved to it. Requests other than GET and
+// HEAD also need the page's header, and must not come from another site by Sec-Fetch-Site.
 class Access {
  public:
   explicit Access(std::string token) : token_(std::move(token)) {}
   [[nodiscard]] AccessVerdict judge(const AccessRequest& request) const;
   [[nodiscard]] const std::string& token() const { return token_; }
-  // The header that hands the token to the browser.
+  // The Set-Cookie header with the token.
   [[nodiscard]] std::string setCookie() const;
 
  private:

@@ -19,7 +19,7 @@ constexpr std::size_t kPiece = 1 << 15;        // of an answer that is sent at a
 constexpr std::size_t kMostDrained = 1 << 20;  // [bytes]
 constexpr auto kDrainTime = 2s;
 constexpr auto kEventTime = 10s;  // for a client to take an event
-constexpr auto kHeartbeat = 5s;   // tells a closed connection from a quiet stream
+constexpr auto kHeartbeat = 5s;   // shows whether a quiet stream's connection is closed
 // What the system holds for a client that does not read [bytes].
 constexpr int kSendBuffer = 1 << 17, kStreamBuffer = 1 << 14;
 
@@ -45,7 +45,7 @@ void Connection::enter(Phase phase, Clock::duration patience) {
 void Connection::close() {
   if (phase_ == Phase::kClosed) return;
   error_code ignored;
-  // What a client does not take goes at once; an answer that is all sent may still be under way.
+  // Unsent data is dropped at once; an answer that is all sent may still be in transit.
   if (phase_ != Phase::kDraining) socket_.set_option(asio::socket_base::linger(true, 0), ignored);
   phase_ = Phase::kClosed;
   socket_.close(ignored);
@@ -103,7 +103,7 @@ bool Connection::admit() {
 }
 
 void Connection::dispatch() {
-  Request request = parser_.request();
+  HttpRequest request = parser_.request();
   const Routes::Route* route = server_.routes_.find(request.method, request.path);
   if (route == nullptr) return send(refusal(status::kNotFound, "There is nothing here."));
   if (route->events && body_wanted_) return stream();

@@ -15,14 +15,14 @@ namespace fathom::web {
 
 class HttpServer;
 
-// One client's connection: reads one request, sends one answer, and ends. All on the server's own thread, but
-// for handlers and reads of files, which its pools do. It holds a parser, two small buffers and, while it is
-// sent, an answer; every phase has a deadline.
+// One client's connection: reads one request, sends one answer, and ends. Runs on the server's thread, but
+// for handlers and file reads, which run in its pools. It holds a parser, two small buffers and, while
+// sending, an answer; every phase has a deadline.
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
   using Clock = std::chrono::steady_clock;
   enum class Phase {
-    kDraining,   // all is sent; what the client still sends is read and dropped, so that it gets the answer
+    kDraining,   // all is sent; further input is read and dropped, so that the client gets the answer
     kReading,    // the request is not whole
     kSending,    // the answer
     kHandling,   // a handler works, or waits for its turn
@@ -33,7 +33,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Connection(HttpServer& server, boost::asio::ip::tcp::socket socket);
   void start();
   void close();
-  // Ends what is overdue; sends a stream its next event. Called every kTick.
+  // Closes an overdue connection; sends a stream its next event. Called every kTick.
   void tick(Clock::time_point now);
 
   [[nodiscard]] Phase phase() const { return phase_; }
@@ -67,7 +67,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   std::uint64_t sent_ = 0;   // of the body [bytes]
   std::size_t drained_ = 0;  // [bytes]
   std::uint64_t event_ = 0;  // number of the one sent last
-  bool is_writing_ = false;  // a stream, that is
+  bool is_writing_ = false;  // of a stream
 };
 
 }  // namespace fathom::web

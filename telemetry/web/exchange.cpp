@@ -1,7 +1,5 @@
 #include "telemetry/web/exchange.hpp"
 
-#include <unistd.h>
-
 #include <cerrno>
 #include <charconv>
 
@@ -26,7 +24,7 @@ std::optional<std::string> percentDecoded(std::string_view text) {
   return out;
 }
 
-std::string Request::parameter(std::string_view name) const {
+std::string HttpRequest::parameter(std::string_view name) const {
   std::string_view left = query;
   while (!left.empty()) {
     const std::string_view one = left.substr(0, left.find('&'));
@@ -38,13 +36,9 @@ std::string Request::parameter(std::string_view name) const {
   return {};
 }
 
-OpenFile::~OpenFile() {
-  ::close(descriptor_);
-}
-
 std::size_t OpenFile::read(std::uint64_t offset, char* to, std::size_t size) const {
   ssize_t got = 0;
-  do got = ::pread(descriptor_, to, size, static_cast<off_t>(offset));
+  do got = ::pread(file_.get(), to, size, static_cast<off_t>(offset));
   while (got < 0 && errno == EINTR);
   return got > 0 ? static_cast<std::size_t>(got) : 0;
 }

@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "realtime/base/files/descriptor.hpp"
+
 namespace fathom::web {
 
 namespace status {
@@ -19,36 +21,33 @@ inline constexpr int kOk = 200, kPartial = 206, kBadRequest = 400, kUnauthorised
 }  // namespace status
 
 // A request that has arrived whole and passed Access.
-struct Request {
+struct HttpRequest {
   std::string method;  // "GET", "HEAD", "POST"
   std::string path;    // percent-decoded, with its first slash
   std::string query;   // as it was sent, behind the question mark
   std::string range;   // header Range; empty: none
   std::string body;
-  std::string below;  // of the path, what follows a route's prefix
+  std::string below;  // the path after a route's prefix
 
   // A parameter of the query, decoded; empty where it is absent.
   [[nodiscard]] std::string parameter(std::string_view name) const;
 };
 
-// %XX to bytes; none where a percent sign is followed by anything else.
+// Decodes %XX to bytes; nullopt when a percent sign is followed by anything else.
 [[nodiscard]] std::optional<std::string> percentDecoded(std::string_view text);
 
 // A regular file, open for reading.
 class OpenFile {
  public:
-  explicit OpenFile(int descriptor) : descriptor_(descriptor) {}
-  ~OpenFile();
-  OpenFile(const OpenFile&) = delete;
-  OpenFile& operator=(const OpenFile&) = delete;
-  // Fills `to` from an offset; how much came, 0 at the end or where the disk refuses.
+  explicit OpenFile(int descriptor) : file_(descriptor) {}
+  // Reads `size` bytes from an offset; returns the number read, 0 at the end or when the disk fails.
   [[nodiscard]] std::size_t read(std::uint64_t offset, char* to, std::size_t size) const;
 
  private:
-  int descriptor_;
+  Descriptor file_;
 };
 
-// An answer: a body in memory, or a part of a file, which is read while it is sent.
+// An answer: a body in memory, or a part of a file that is read while it is sent.
 struct Response {
   int status = status::kOk;
   std::string type = "text/plain";  // MIME
@@ -61,12 +60,12 @@ struct Response {
 };
 
 [[nodiscard]] Response answer(std::string body, std::string type);
-// One line that says why not.
+// An error answer of one line.
 [[nodiscard]] Response refusal(int status, std::string_view why);
 
-using Handler = std::function<Response(const Request&)>;
+using Handler = std::function<Response(const HttpRequest&)>;
 
-// What a server answers, by method and path. GET routes answer HEAD as well.
+// Handlers by method and path. GET routes answer HEAD as well.
 class Routes {
  public:
   enum class Work {

@@ -16,7 +16,7 @@ using boost::system::error_code;
 namespace {
 
 constexpr int kLargeAnswer = 1 << 20;            // [bytes]
-constexpr std::chrono::milliseconds kPause{20};  // before room or a descriptor is looked for again
+constexpr std::chrono::milliseconds kPause{20};  // before the next attempt to find room or a descriptor
 
 std::size_t mostConnections() {
   rlimit limit{};
@@ -31,7 +31,7 @@ HttpServer::HttpServer(const Config& config, Routes routes)
       routes_(std::move(routes)),
       headers_(config.headers),
       max_body_bytes_(config.max_body_bytes) {
-  // A large answer goes back to the system when it has ended; by itself the heap keeps it in pieces.
+  // Returns the memory of large answers to the system; otherwise the heap would keep it in fragments.
   ::mallopt(M_MMAP_THRESHOLD, kLargeAnswer);
   listen(config);
   accept();
@@ -41,7 +41,7 @@ HttpServer::HttpServer(const Config& config, Routes routes)
       try {
         io_.run();
       } catch (const std::exception&) {
-        // No memory for one connection; its deadline ends it.
+        // Out of memory for one connection; its deadline ends it.
       }
     }
   });
@@ -67,14 +67,14 @@ void HttpServer::listen(const Config& config) {
 void HttpServer::accept() {
   acceptor_.async_accept([this](error_code error, tcp::socket socket) {
     if (!error) return admit(std::move(socket));
-    if (error == asio::error::connection_aborted || evict(Whom::kAny, nullptr)) return accept();
+    if (error == asio::error::connection_aborted || evict(Evictable::kAny, nullptr)) return accept();
     pause_.expires_after(kPause);
     pause_.async_wait([this](error_code) { accept(); });
   });
 }
 
 void HttpServer::admit(tcp::socket socket) {
-  if (connections_.size() >= mostConnections() && !evict(Whom::kAny, nullptr)) {
+  if (connections_.size() >= mostConnections() && !evict(Evictable::kAny, nullptr)) {
     pause_.expires_after(kPause);
     return pause_.async_wait(
         [this, waiting = std::move(socket)](error_code) mutable { admit(std::move(waiting)); });
@@ -84,19 +84,19 @@ void HttpServer::admit(tcp::socket socket) {
     connections_.insert(connection);
     connection->start();
   } catch (const std::exception&) {
-    // No memory for this one.
+    // Out of memory for this connection.
   }
   accept();
 }
 
-bool HttpServer::evict(Whom whom, const Connection* spared) {
+bool HttpServer::evict(Evictable which, const Connection* spared) {
   using Phase = Connection::Phase;
   const auto now = Connection::Clock::now();
   std::shared_ptr<Connection> worst;
   for (const auto& one : connections_) {
     if (one.get() == spared || one->phase() > Phase::kSending) continue;
-    if (whom == Whom::kSending && one->phase() != Phase::kSending) continue;
-    if (whom == Whom::kAny && !one->sendsInParts() && now - one->since() < kGrace) continue;
+    if (which == Evictable::kSending && one->phase() != Phase::kSending) continue;
+    if (which == Evictable::kAny && !one->sendsInParts() && now - one->since() < kGrace) continue;
     if (worst == nullptr || std::pair(one->phase(), one->since()) < std::pair(worst->phase(), worst->since()))
       worst = one;
   }
@@ -115,7 +115,7 @@ void HttpServer::boundHeldBytes(const Connection& newest) {
     }
     return sum - largest;
   };
-  while (held() > kMaxHeldBytes && evict(Whom::kSending, &newest)) {
+  while (held() > kMaxHeldBytes && evict(Evictable::kSending, &newest)) {
   }
 }
 

@@ -18,24 +18,24 @@
 
 namespace fathom::web {
 
-// Bounds of what clients can make a server hold and wait for.
+// Bounds of the memory and time that clients can take from a server.
 inline constexpr std::size_t kMaxConnections = 128;
-inline constexpr std::size_t kConnectionsPerStream = 8;  // one in so many may be an event stream
-// Of answers in memory together, without the newest and the largest: one export of any size and a page go on.
+inline constexpr std::size_t kConnectionsPerStream = 8;  // one in this many may be an event stream
+// Bytes of all answers in memory, without the newest and the largest: one export of any size and a page are
+// still answered.
 inline constexpr std::size_t kMaxHeldBytes = std::size_t{64} << 20;
 inline constexpr std::chrono::seconds kRequestTime{10};  // for a request to come whole
 inline constexpr std::chrono::seconds kPieceTime{30};    // for a client to take a piece of an answer
 inline constexpr std::chrono::seconds kHandlerTime{300};
-// For a client to send its request, or to take a piece, before its place may go to another: on a busy machine
-// the server itself needs some of it. Who sends a request in parts has none.
+// Time for a client to send its request or to take a piece, before its connection may be evicted; on a busy
+// machine the server itself needs some of it. A client that sends a request in parts has none.
 inline constexpr std::chrono::milliseconds kGrace{60};
-// Between events of a stream; a person does not see faster.
+// Between events of a stream.
 inline constexpr std::chrono::milliseconds kTick{250};
 
-// Accepts connections and runs them on one thread, whatever their number. When kMaxConnections (or a quarter
-// of the process's descriptors) are open, a new one takes the place of the one that has waited longest to
-// end, to send a whole request or to take its answer, kGrace at least. Without descriptors it waits for one.
-// Nothing that a client does ends it.
+// Accepts connections and runs all of them on one thread. When kMaxConnections (or a quarter of the process's
+// descriptors) are open, a new one evicts the one that has waited longest, at least kGrace, to end, to send
+// its request or to take its answer. Without descriptors it waits for one. No client can end it.
 class HttpServer {
  public:
   struct Config {
@@ -59,13 +59,13 @@ class HttpServer {
 
  private:
   friend class Connection;  // the rest is for connections, on the server's thread
-  enum class Whom { kAny, kSending };
+  enum class Evictable { kAny, kSending };
 
   void listen(const Config& config);
   void accept();
   void admit(boost::asio::ip::tcp::socket socket);
   void tick();
-  bool evict(Whom whom, const Connection* spared);  // false: there is none to evict
+  bool evict(Evictable which, const Connection* spared);  // false: there is none to evict
   void boundHeldBytes(const Connection& newest);
   void forget(const std::shared_ptr<Connection>& connection) { connections_.erase(connection); }
   [[nodiscard]] bool hasRoomForStream() const;

@@ -2,8 +2,8 @@
 
 #include <boost/system/system_error.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/install_prefix.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/install_prefix.hpp"
 #include "telemetry/web/http_server.hpp"
 #include "telemetry/web/served_folder.hpp"
 
@@ -39,7 +39,7 @@ std::filesystem::path pageFolder(const std::filesystem::path& given, const std::
 }
 
 PageServer::PageServer(const PageServerConfig& config, Routes routes) {
-  routes.getBelow("/", [folder = config.page, policy = policyOf(config)](const Request& request) {
+  routes.getBelow("/", [folder = config.page, policy = policyOf(config)](const HttpRequest& request) {
     const std::string& name = request.below.empty() ? "index.html" : request.below;
     Response page = fileResponse(fileInside(folder, name), request);
     page.headers.emplace_back("Content-Security-Policy", policy);

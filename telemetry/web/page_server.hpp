@@ -17,7 +17,7 @@ namespace fathom::web {
 struct PageServerConfig {
   std::string address = "127.0.0.1";
   int port = 0;                    // 0: any that is free
-  std::string option;              // that chose the port, for the message when it cannot be had: "--http"
+  std::string option;              // of the port, for error messages: "--http"
   std::size_t max_body_bytes = 0;  // of anything posted
   std::filesystem::path page;      // served at /
   std::string more_scripts;  // that the page needs beside its own: sources for its Content-Security-Policy
@@ -26,10 +26,9 @@ struct PageServerConfig {
 
 class HttpServer;
 
-// A page's HTTP server: every request passes Access first, and every answer forbids its keeping, its framing
-// and guesses of its type. The page runs its own scripts alone and speaks to this server alone; nothing else
-// that is served can run. Bounded whatever clients send (see HttpServer). Runs from construction to
-// destruction.
+// A page's HTTP server: checks the Access of every request; every answer forbids caching, framing and type
+// sniffing. The page may run only its own scripts and connect only to this server; nothing else that is
+// served can run. Bounded for any clients (see HttpServer). Runs from construction to destruction.
 class PageServer {
  public:
   // `routes`: what the page asks for beside its files. Throws InputError where it cannot listen.

@@ -9,8 +9,8 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
 #include "telemetry/web/page_server.hpp"
 
 namespace fathom::web {
@@ -36,7 +36,7 @@ std::string dumped(const Json& json) {
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
-// As it may stand inside an element: in JSON, < occurs in strings alone.
+// JSON escaped for an HTML element: in JSON, < occurs in strings alone.
 std::string insideElement(const std::string& json) {
   std::string out;
   out.reserve(json.size());
@@ -48,7 +48,7 @@ std::string insideElement(const std::string& json) {
   return out;
 }
 
-// Digits beyond what a drawing shows make a report large. JSON has null for what is not finite.
+// Seven digits, which a drawing can show; null for numbers that are not finite.
 Json brief(double value) {
   return std::isfinite(value) ? Json(std::strtod(formatted("%.7g", value).c_str(), nullptr)) : Json(nullptr);
 }
@@ -114,25 +114,25 @@ Plot histogram(const std::vector<double>& values, double low, double high, int b
   return {.title = title, .x = label, .y = "count", .series = {std::move(bars)}, .width = kHalfPage};
 }
 
-void Report::text(const std::string& words) {
+void ReportPage::text(const std::string& words) {
   add(dumped({{"text", words}}));
 }
 
-void Report::warning(const std::string& words) {
+void ReportPage::warning(const std::string& words) {
   add(dumped({{"text", words}, {"strong", true}}));
 }
 
-void Report::list(const std::vector<std::string>& lines) {
+void ReportPage::list(const std::vector<std::string>& lines) {
   if (!lines.empty()) add(dumped({{"list", lines}}));
 }
 
-void Report::table(const Row& head, const std::vector<Row>& rows) {
+void ReportPage::table(const Row& head, const std::vector<Row>& rows) {
   Json lines = Json::array();
   for (const Row& row : rows) lines.push_back(toJson(row));
   add(dumped({{"table", {{"head", toJson(head)}, {"rows", std::move(lines)}}}}));
 }
 
-void Report::picture(std::string_view png, const std::string& caption) {
+void ReportPage::picture(std::string_view png, const std::string& caption) {
   std::string base64(sodium_base64_ENCODED_LEN(png.size(), sodium_base64_VARIANT_ORIGINAL), '\0');
   sodium_bin2base64(base64.data(), base64.size(), reinterpret_cast<const unsigned char*>(png.data()),
                     png.size(), sodium_base64_VARIANT_ORIGINAL);
@@ -140,11 +140,11 @@ void Report::picture(std::string_view png, const std::string& caption) {
   add(dumped({{"picture", {{"source", "data:image/png;base64," + base64}, {"caption", caption}}}}));
 }
 
-void Report::pictureFile(const std::filesystem::path& png, const std::string& caption) {
+void ReportPage::pictureFile(const std::filesystem::path& png, const std::string& caption) {
   picture(std::string_view(contentsOf(png)), caption);
 }
 
-void Report::plot(const Plot& plot) {
+void ReportPage::plot(const Plot& plot) {
   Json series = Json::array();
   for (const Series& s : plot.series) series.push_back(toJson(s));
   Json out{{"title", plot.title}, {"x", plot.x}, {"y", plot.y}, {"series", std::move(series)}};
@@ -156,7 +156,7 @@ void Report::plot(const Plot& plot) {
   add(dumped({{"plot", std::move(out)}}));
 }
 
-void Report::write(const std::filesystem::path& file) const {
+void ReportPage::write(const std::filesystem::path& file) const {
   std::string content =
       R"({"title":)" + dumped(title_) + R"(,"about":)" + dumped(about_) + R"(,"sections":[)";
   bool first = true;

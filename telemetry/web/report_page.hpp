@@ -11,9 +11,9 @@
 
 namespace fathom::web {
 
-// Colours that are read on a dark page and on white paper.
+// Colours that can be read on a dark page and on white paper.
 inline constexpr const char *kBlue = "#5b9bd5", *kRed = "#f0705c", *kGreen = "#74c08f", *kGrey = "#8c9faa";
-// One of a dozen that tell neighbours apart.
+// One of twelve colours that differ between neighbours.
 [[nodiscard]] const char* distinctColour(std::size_t index);
 
 inline constexpr double kHalfPage = 460, kThirdPage = 340;  // widths of plots that stand side by side [px]
@@ -21,10 +21,10 @@ inline constexpr double kHalfPage = 460, kThirdPage = 340;  // widths of plots t
 // "1.23 ± 0.04": a value with one standard deviation.
 [[nodiscard]] std::string plusMinus(double value, double sigma, int digits);
 
-// Places of a plot, drawn alike. One that is not finite lifts the pen.
+// Points of a plot, drawn alike. A point that is not finite interrupts a line.
 struct Series {
   enum class Kind { kLine, kDots, kAreas };  // kAreas: the inside of polygons
-  std::string label = {};                    // none: not in the key
+  std::string label = {};                    // empty: not in the legend
   Kind kind = Kind::kLine;
   std::string colour = kBlue;
   std::vector<Eigen::Vector2d> at = {};
@@ -39,34 +39,33 @@ struct Plot {
   std::string title = {}, x = {}, y = {};  // labels of the axes with their units
   std::vector<Series> series = {};
   double width = 0;                   // [px]; 0: the page's
-  bool equal = false;                 // a unit is as long either way, as on a map
+  bool equal = false;                 // units have the same length on both axes, as on a map
   bool down = false;                  // y grows downwards, as in an image
   bool log_x = false, log_y = false;  // logarithmic axes
 };
 
-// How many values fall into each of `bins` equal parts of [low, high]; the outermost also hold what lies
-// beyond.
+// Counts of values in `bins` equal parts of [low, high]; the outermost include the values beyond.
 [[nodiscard]] Plot histogram(const std::vector<double>& values, double low, double high, int bins,
                              const std::string& label, const std::string& title);
 
-// Of a table: words, a whole number, or another number as words with the digits that count.
+// A cell of a table: words, a whole number, or another number formatted with its digits.
 struct Cell {
   Cell(std::string words) : text(std::move(words)) {}                // NOLINT(google-explicit-constructor)
   Cell(const char* words) : text(words) {}                           // NOLINT(google-explicit-constructor)
   Cell(std::integral auto number) : text(std::to_string(number)) {}  // NOLINT(google-explicit-constructor)
   Cell(std::string words, double strength) : text(std::move(words)), shade(strength) {}
   std::string text;
-  double shade = NAN;  // of the ground, from blue (-1) over none (0) to red (1)
+  double shade = NAN;  // background, from blue (-1) over none (0) to red (1)
 };
 using Row = std::vector<Cell>;
 
 // A report as one HTML file that needs nothing else: the page of report/, with the content in it as JSON
 // (report/src/content.ts has its fields).
-class Report {
+class ReportPage {
  public:
-  Report(std::string title, std::string about) : title_(std::move(title)), about_(std::move(about)) {}
+  ReportPage(std::string title, std::string about) : title_(std::move(title)), about_(std::move(about)) {}
 
-  // What is added next stands under this heading. A section without parts is left out.
+  // Starts a section: what is added next belongs to it. A section without parts is left out.
   void section(const std::string& title) { sections_.push_back({title, {}}); }
   void text(const std::string& words);
   void warning(const std::string& words);
@@ -76,7 +75,7 @@ class Report {
   void pictureFile(const std::filesystem::path& png, const std::string& caption);
   void plot(const Plot& plot);
 
-  // The file appears whole or not at all. Where the page is not built (share/fathom/report beside the
+  // Writes the file, whole or not at all. When the page is not built (share/fathom/report beside the
   // program's folder), the file shows the JSON as it is.
   void write(const std::filesystem::path& file) const;
 

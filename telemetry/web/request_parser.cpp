@@ -31,8 +31,8 @@ struct RequestParser::Impl {
 RequestParser::RequestParser(std::size_t max_body_bytes)
     : impl_(std::make_unique<Impl>()), max_body_bytes_(max_body_bytes) {
   impl_->parser.header_limit(kMaxHeadBytes);
-  // Who may not enter is told so, however large the body: checkBody() judges its size. (Without any
-  // limit this Beast refuses every body.)
+  // checkBody() limits the body, after Access has answered for the head. (Without any limit this Beast
+  // refuses every body.)
   impl_->parser.body_limit(std::numeric_limits<std::uint64_t>::max());
 }
 

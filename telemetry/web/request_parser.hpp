@@ -12,15 +12,15 @@ namespace fathom::web {
 
 // One HTTP/1 request, from bytes in pieces of any size. It holds kMaxHeadBytes of request line and headers
 // and `max_body_bytes` of body at most. A body comes by its Content-Length and as it is: chunks are refused,
-// because Beast 1.74 ends the program on some, and nothing is ever decompressed. Bytes behind the request are
-// left alone.
+// because Beast 1.74 ends the program on some, and nothing is ever decompressed. Bytes after the request are
+// ignored.
 class RequestParser {
  public:
   static constexpr std::size_t kMaxHeadBytes = 8192;
 
   enum class Step {
     kMore,     // more bytes are needed
-    kHead,     // head() can be judged; take("") goes on with the body
+    kHead,     // head() is complete; take("") continues with the body
     kWhole,    // request() is there
     kRefused,  // see status() and why()
   };
@@ -34,7 +34,7 @@ class RequestParser {
 
   // From kHead on; it points into the parser.
   [[nodiscard]] AccessRequest head() const;
-  [[nodiscard]] const Request& request() const { return request_; }
+  [[nodiscard]] const HttpRequest& request() const { return request_; }
   [[nodiscard]] int status() const { return status_; }
   [[nodiscard]] const std::string& why() const { return why_; }
 
@@ -48,7 +48,7 @@ class RequestParser {
   std::size_t max_body_bytes_;
   int status_ = 0;
   std::string why_;
-  Request request_;
+  HttpRequest request_;
   std::string token_;  // of the query
   bool body_checked_ = false;
 };

@@ -62,9 +62,9 @@ struct Range {
   std::uint64_t first, last;
 };
 
-// One range of bytes (RFC 9110, 14.1.2). Browsers ask for whole blocks, the last of which ends behind the
-// file's end: it is cut there. None for anything else, several ranges at a time among it: the whole file is
-// an answer to those.
+// One range of bytes (RFC 9110, 14.1.2). Browsers ask for whole blocks, the last of which may end after the
+// file's end: it is cut there. Nullopt for anything else, such as several ranges: the answer to those is the
+// whole file.
 std::optional<Range> rangeOf(std::string_view header, std::uint64_t size) {
   constexpr std::string_view kUnit = "bytes=";
   if (!header.starts_with(kUnit)) return std::nullopt;
@@ -95,9 +95,9 @@ std::optional<std::filesystem::path> fileInside(const std::filesystem::path& roo
   return file;
 }
 
-Response fileResponse(const std::optional<std::filesystem::path>& path, const Request& request) {
+Response fileResponse(const std::optional<std::filesystem::path>& path, const HttpRequest& request) {
   if (!path) return refusal(status::kNotFound, "There is no such file.");
-  // Without waiting, should it have become a pipe.
+  // Opened without waiting, in case it is a pipe.
   const int descriptor = ::open(path->c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0)
     return errno == EMFILE || errno == ENFILE ? refusal(status::kBusy, "Too many files are open: ask again.")
@@ -123,7 +123,7 @@ Response fileResponse(const std::optional<std::filesystem::path>& path, const Re
   return response;
 }
 
-Response dataResponse(const std::optional<std::filesystem::path>& file, const Request& request) {
+Response dataResponse(const std::optional<std::filesystem::path>& file, const HttpRequest& request) {
   Response response = fileResponse(file, request);
   response.headers.emplace_back("Content-Security-Policy", "default-src 'none'; sandbox");
   if (file && kindOf(*file).what == Kind::kActive && response.file) {

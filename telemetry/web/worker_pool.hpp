@@ -3,6 +3,7 @@
 #include <condition_variable>
 #include <cstddef>
 #include <deque>
+#include <exception>
 #include <functional>
 #include <mutex>
 #include <thread>
@@ -10,16 +11,15 @@
 
 namespace fathom::web {
 
-// A fixed number of threads that do jobs in the order in which they come. A job that throws is
-// over.
+// A fixed number of threads that run jobs in their order. Exceptions of a job are dropped.
 class WorkerPool {
  public:
   WorkerPool(std::size_t threads, std::size_t most_waiting);
-  ~WorkerPool();  // ends the jobs that have begun; those that wait are dropped
+  ~WorkerPool();  // finishes the running jobs; those that wait are dropped
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  // False: as many as may wait do.
+  // False: the queue is full.
   [[nodiscard]] bool post(std::function<void()> job);
 
  private:
@@ -32,5 +32,46 @@ class WorkerPool {
   bool ending_ = false;
   std::vector<std::thread> threads_;  // last: they use the rest
 };
+
+inline WorkerPool::WorkerPool(std::size_t threads, std::size_t most_waiting) : most_waiting_(most_waiting) {
+  for (std::size_t i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+}
+
+inline WorkerPool::~WorkerPool() {
+  {
+    const std::lock_guard lock(mutex_);
+    ending_ = true;
+  }
+  changed_.notify_all();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+inline bool WorkerPool::post(std::function<void()> job) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (waiting_.size() >= most_waiting_) return false;
+    waiting_.push_back(std::move(job));
+  }
+  changed_.notify_one();
+  return true;
+}
+
+inline void WorkerPool::work() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    changed_.wait(lock, [this] { return ending_ || !waiting_.empty(); });
+    if (ending_) return;
+    std::function<void()> job = std::move(waiting_.front());
+    waiting_.pop_front();
+    lock.unlock();
+    try {
+      job();
+    } catch (const std::exception&) {
+      // Out of memory to hand over the answer; the connection ends at its deadline.
+    }
+    job = nullptr;  // frees what it holds before the lock is taken again
+    lock.lock();
+  }
+}
 
 }  // namespace fathom::web

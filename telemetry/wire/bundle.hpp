@@ -10,19 +10,19 @@
 
 namespace fathom::telemetry {
 
-// What a modem is given at once, a modem frame, is either one link frame as it is, or a bundle of them:
+// A modem frame, which the modem takes at once, is one link frame as it is, or a bundle of link frames:
 //   u8 0xF0, then for each link frame u8 its length less one, and its bytes; a zero byte or the end of the
 //   modem frame ends it.
-// 0xF0 is a protocol version that no link frame has, and no link frame has one byte, so that a modem which
-// sends frames of one size alone may fill them with zeros. A bundle has no check of its own: each link frame
-// in it is whole or not, by itself.
+// No link frame begins with 0xF0, which is no protocol version, and none has one byte, so that a modem with
+// frames of one size may fill them with zeros. A bundle has no check of its own: each link frame in it has
+// its tag.
 inline constexpr std::uint8_t kBundleMark = 0xF0;
 inline constexpr std::size_t kBundleHeadBytes = 1, kBundleShareBytes = 1;  // of a bundle; before each frame
 inline constexpr std::size_t kMinModemBytes = 64;  // of a modem frame that carries bundles
 inline constexpr std::size_t kMaxModemBytes = FramePort::kMaxFrameBytes;
 
-// The link frames of a modem frame, one after the other. The bytes may be anything: a link frame that reaches
-// beyond the end is left out, and so is what follows it.
+// Iterates over the link frames of a modem frame of any bytes. It stops at a link frame that reaches beyond
+// the end.
 class LinkFrames {
  public:
   explicit LinkFrames(std::span<const std::uint8_t> modem_frame);
@@ -34,27 +34,26 @@ class LinkFrames {
   bool bundle_;
 };
 
-// The size of a bundle that ends with zeros, as a modem sends whose frames are of one size; 0 for any other
-// modem frame.
+// Size of a bundle padded with zeros, as modems with frames of one size send it; 0 for any other modem frame.
 [[nodiscard]] std::size_t paddedBytes(std::span<const std::uint8_t> modem_frame);
 
-// Puts link frames into a modem frame that the caller holds, of out.size() bytes at most.
+// Writes link frames into a modem frame in the caller's buffer, of out.size() bytes at most.
 class ModemFrameWriter {
  public:
-  // `padded`: always a bundle, filled with zeros to the whole of `out`; otherwise one link frame goes as it
-  // is.
+  // `padded`: always writes a bundle, filled with zeros to out.size(); otherwise a single link frame is
+  // written as it is.
   ModemFrameWriter(std::span<std::uint8_t> out, bool padded) : out_(out), padded_(padded) {}
-  // Where the next link frame is to be written, before add(); empty where there is no room for another.
+  // Room for the next link frame, to be written before add(); empty when there is none.
   [[nodiscard]] std::span<std::uint8_t> room() const;
-  // `size` bytes, 1 to 256, were written there.
+  // Adds the link frame of `size` bytes, 1 to 256, that was written into room().
   void add(std::size_t size);
-  // Of the modem frame if a link frame of `more` bytes were added [B].
+  // Size of the modem frame with another link frame of `more` bytes [B].
   [[nodiscard]] std::size_t bytesWith(std::size_t more) const;
-  // The modem frame is done: its size, 0 where nothing was added.
+  // Ends the modem frame and returns its size, 0 when nothing was added.
   [[nodiscard]] std::size_t finish();
 
  private:
-  // Where the link frame that comes next begins. The first one stands as it is until there is a second.
+  // Offset of the next link frame. The first one is written without a bundle head until a second is added.
   [[nodiscard]] std::size_t place() const;
 
   std::span<std::uint8_t> out_;

@@ -1,15 +1,16 @@
 #include "telemetry/wire/downlink_messages.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/wire/status.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::int64_t kNanoseconds = 1'000'000'000;
-constexpr std::int64_t kTick_ns = kNanoseconds / 10;  // of the counter
+constexpr std::int64_t kTick_ns = kSecond_ns / 10;  // of the counter
 constexpr unsigned kCounterBits = 32;
 constexpr unsigned kSequenceBits = 16;
 constexpr unsigned kByteBits = 8;
@@ -20,7 +21,7 @@ bool fits(const Field& field, double value) {
 }
 
 double secondsBefore(DownlinkCounter counter, std::int64_t utc_ns) {
-  return static_cast<double>(downlinkTime(counter) - utc_ns) / static_cast<double>(kNanoseconds);
+  return static_cast<double>(downlinkTime(counter) - utc_ns) / static_cast<double>(kSecond_ns);
 }
 
 void put(BitWriter& w, const UsblFixMessage& fix, DownlinkCounter counter) {
@@ -76,8 +77,8 @@ Request getRequest(BitReader& r) {
 void put(BitWriter& w, const Acknowledgement& a) {
   w.put(a.newest, kSequenceBits);
   std::size_t reach = std::min(a.reach, Acknowledgement::kMaxReach);
-  // The reader takes every bit up to the end for a frame. What is followed by frames that lack fills up with
-  // those of them that come first.
+  // The reader takes every bit up to the end for a frame. An acknowledgement with `lacking` fills its last
+  // byte with the first of the frames that lack.
   const std::size_t end = w.bits() + 1 + kSequenceBits + reach;
   const std::size_t filled =
       std::min((kByteBits - end % kByteBits) % kByteBits, Acknowledgement::kMaxReach - reach);
@@ -87,8 +88,8 @@ void put(BitWriter& w, const Acknowledgement& a) {
     const bool all = a.lacking == Acknowledgement::kAll;
     w.put(all ? a.lacking : static_cast<std::uint64_t>(a.lacking - filled), kSequenceBits);
   } else {
-    // Else what would end inside a byte gives up its furthest frames, and only a receiver that has heard less
-    // than a byte's worth fills up with frames not heard.
+    // Otherwise one that would end inside a byte leaves out its furthest frames; with fewer than a byte of
+    // them it is filled with frames not received.
     reach = std::min(reach, w.bitsLeft());
     const std::size_t over = (w.bits() + reach) % kByteBits;
     if (reach < Acknowledgement::kMaxReach && reach >= over) reach -= over;
@@ -111,19 +112,9 @@ Acknowledgement getAcknowledgement(BitReader& r) {
 }  // namespace
 
 const char* name(Request::Kind kind) {
-  switch (kind) {
-    case Request::Kind::kDetail:
-      return "detail";
-    case Request::Kind::kRate:
-      return "rate";
-    case Request::Kind::kPauseMap:
-      return "pause-map";
-    case Request::Kind::kResumeMap:
-      return "resume-map";
-    case Request::Kind::kSendStatus:
-      return "send-status";
-  }
-  return "unknown";
+  static constexpr std::array kNames{"detail", "rate", "pause-map", "resume-map", "send-status"};
+  const auto at = static_cast<std::size_t>(kind);
+  return at < kNames.size() ? kNames[at] : "unknown";
 }
 
 bool validate(const Request& request) {
@@ -153,14 +144,14 @@ bool validate(const UsblFixMessage& fix) {
 }
 
 DownlinkCounter downlinkCounterAt(std::int64_t utc_ns) {
-  const std::int64_t since = utc_ns - schema::kTimeEpoch_s * kNanoseconds;
+  const std::int64_t since = utc_ns - schema::kTimeEpoch_s * kSecond_ns;
   const std::int64_t ticks = since / kTick_ns + (since % kTick_ns > 0 ? 1 : 0);
   return static_cast<DownlinkCounter>(
       std::clamp<std::int64_t>(ticks, 0, std::numeric_limits<DownlinkCounter>::max()));
 }
 
 std::int64_t downlinkTime(DownlinkCounter counter) {
-  return schema::kTimeEpoch_s * kNanoseconds + static_cast<std::int64_t>(counter) * kTick_ns;
+  return schema::kTimeEpoch_s * kSecond_ns + static_cast<std::int64_t>(counter) * kTick_ns;
 }
 
 std::size_t encodeDownlink(const DownlinkContent& content, DownlinkCounter counter, bool is_signed,

@@ -10,31 +10,31 @@
 
 namespace fathom::telemetry {
 
-// What the ship tells the vehicle. Nothing here reaches vehicle control: an acknowledgement and a request
-// change only what Fathom sends, a fix only where Fathom believes the vehicle to be on its map.
+// Messages from the ship to the vehicle. None of them reaches vehicle control: acknowledgements and requests
+// change only what Fathom sends, a fix only the position estimate in its map.
 
-// Which of the vehicle's frames the ship holds, on its disk: of the latest, or of some earlier part of the
-// dive. Frames that it never could have heard (it was not yet switched on) stand as not heard.
+// The vehicle's frames that the ship has on its disk: the latest, or those of an earlier part of the dive.
+// Frames from before the ship was switched on count as not received.
 struct Acknowledgement {
   static constexpr std::size_t kMaxReach = 128;
 
-  bool valid = false;             // false: nothing heard yet
-  std::uint16_t newest = 0;       // sequence number of the newest frame heard
-  std::size_t reach = 0;          // so many frames before `newest` are spoken of, at most kMaxReach
-  std::bitset<kMaxReach> before;  // bit i: frame newest - 1 - i was heard; i < reach
-  std::uint16_t lacking = 0;      // so many frames before those were not heard
-  static constexpr std::uint16_t kAll = 0xFFFF;  // of `lacking`: no frame of the dive before those
+  bool valid = false;             // false: nothing received yet
+  std::uint16_t newest = 0;       // sequence number of the newest frame received
+  std::size_t reach = 0;          // number of frames before `newest` in `before`, at most kMaxReach
+  std::bitset<kMaxReach> before;  // bit i: frame newest - 1 - i was received; i < reach
+  std::uint16_t lacking = 0;      // number of frames before those that were not received
+  static constexpr std::uint16_t kAll = 0xFFFF;  // of `lacking`: none of the dive's frames before those
 
-  // Whether the frame that came `back` frames before the newest was heard; std::nullopt where this
-  // acknowledgement says nothing about it.
-  [[nodiscard]] std::optional<bool> heardBack(std::uint32_t back) const {
+  // Whether the frame `back` frames before the newest was received; std::nullopt for a frame that this
+  // acknowledgement does not cover.
+  [[nodiscard]] std::optional<bool> receivedBack(std::uint32_t back) const {
     if (!valid) return std::nullopt;
     if (back <= reach) return back == 0 || before[back - 1U];
     if (lacking == kAll || back - reach <= lacking) return false;
     return std::nullopt;
   }
-  [[nodiscard]] std::optional<bool> heard(std::uint16_t sequence) const {
-    return heardBack(static_cast<std::uint16_t>(newest - sequence));
+  [[nodiscard]] std::optional<bool> received(std::uint16_t sequence) const {
+    return receivedBack(static_cast<std::uint16_t>(newest - sequence));
   }
   friend bool operator==(const Acknowledgement&, const Acknowledgement&) = default;
 };
@@ -47,13 +47,13 @@ struct UsblFixMessage {
   double sigma = 0;                    // standard deviation, horizontal, one axis [m], or NaN
 };
 
-// A wish about what the vehicle sends.
+// A request for a change of what the vehicle sends.
 struct Request {
   enum class Kind : std::uint8_t {
     kDetail = 0,      // this rectangle at this spacing
     kRate = 1,        // send at so many bit/s from now on
-    kPauseMap = 2,    // send no map until kResumeMap; status and track go on
-    kResumeMap = 3,   // also drops nothing: what waited goes on
+    kPauseMap = 2,    // send no map until kResumeMap; status and track continue
+    kResumeMap = 3,   // what waited is sent
     kSendStatus = 4,  // a status message now
   };
   Kind kind = Kind::kSendStatus;
@@ -70,7 +70,7 @@ inline constexpr std::size_t kRequestKinds = 5;
 [[nodiscard]] const char* name(Request::Kind kind);
 
 namespace schema {
-// What is out of bounds is not sent.
+// Values out of bounds are not sent.
 inline constexpr Field kFixAge{0, 163.83, 0.01};        // before the time in the downlink's counter [s]
 inline constexpr Field kFixLatitude{-90, 90, 1e-7};     // [deg]
 inline constexpr Field kFixLongitude{-180, 180, 1e-7};  // [deg]
@@ -85,12 +85,12 @@ inline constexpr Field kDetailError{0.01, 0.32, 0.01};         // [m]
 inline constexpr Field kRequestRate{80, 10310, 10};            // [bit/s]
 }  // namespace schema
 
-// Whether every value of the request is inside its bounds: the rectangle is not empty nor inside out, no side
-// longer than 819 m, the spacing a power of two.
+// Whether every value is inside its bounds: a rectangle with sides of 0.1 to 819 m, a spacing that is a power
+// of two.
 [[nodiscard]] bool validate(const Request& request);
 [[nodiscard]] bool validate(const UsblFixMessage& fix);
 
-// What one downlink frame says: any of the three, at least one.
+// Content of one downlink frame: at least one of the three.
 struct DownlinkContent {
   std::optional<UsblFixMessage> fix;
   std::optional<Request> request;
@@ -98,17 +98,16 @@ struct DownlinkContent {
   [[nodiscard]] bool empty() const { return !fix && !request && !acknowledgement; }
 };
 
-// The counter of a downlink frame is its time: tenths of seconds since 2025-01-01 UTC, and more than the
-// counter before it. It outlives a restart of either end without anything stored. 13 years.
+// The counter of a downlink frame is its time in tenths of seconds since 2025-01-01 UTC (13 years), and
+// greater than that of the frame before. Being a time, it needs no storage over a restart of either end.
 using DownlinkCounter = std::uint32_t;
 [[nodiscard]] DownlinkCounter downlinkCounterAt(std::int64_t utc_ns);  // rounded up; saturates
 [[nodiscard]] std::int64_t downlinkTime(DownlinkCounter counter);      // UTC [ns]
 
-// Writes the content without its signature. Returns the bytes written, 0 if `out` is too small or something
-// cannot be sent (a fix after `counter` or too old, a request out of bounds). An acknowledgement takes what
-// is left of `out`, at most its own reach (less up to seven frames, to end with a byte), and is left out if
-// not even `newest` fits. The first of the
-// bits says whether a signature follows; the caller appends it.
+// Writes the content without its signature. Returns the bytes written, 0 if `out` is too small or a value
+// cannot be sent (a fix after `counter` or too old, a request out of bounds). An acknowledgement takes the
+// rest of `out`, at most its own reach (less up to seven frames, to end with a byte), and is left out when
+// `newest` does not fit. The first bit is set when a signature follows, which the caller appends.
 [[nodiscard]] std::size_t encodeDownlink(const DownlinkContent& content, DownlinkCounter counter,
                                          bool is_signed, std::span<std::uint8_t> out);
 

@@ -8,8 +8,8 @@
 
 namespace fathom::telemetry {
 
-// One number of a message: its bounds and its resolution stand in the schema, next to the field. The number
-// of bits follows from them. Absent (NaN, where allowed) takes the code after the last value.
+// One number of a message, with its bounds and its resolution. The number of bits follows from them. Absent
+// (NaN, where allowed) has the code after the last value.
 struct Field {
   double min;
   double max;
@@ -17,6 +17,7 @@ struct Field {
   bool may_be_absent = false;
 
   [[nodiscard]] constexpr std::uint64_t lastCode() const {
+    // Rounded: std::lround is no constant expression. NOLINTNEXTLINE(bugprone-incorrect-roundings)
     return static_cast<std::uint64_t>((max - min) / resolution + 0.5);
   }
   [[nodiscard]] constexpr unsigned bits() const {

@@ -1,8 +1,10 @@
 #include "telemetry/wire/frame.hpp"
 
 #include <algorithm>
+#include <array>
 
-#include "realtime/kernel/crc32.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/units.hpp"
 #include "telemetry/wire/status.hpp"
 
 namespace fathom::telemetry {
@@ -16,7 +18,7 @@ constexpr unsigned kTurnBit = 8;
 constexpr unsigned kTypeMask = 7;
 static_assert(kMessageTypes == kTypeMask + 1);
 
-// Of protocols that ended a frame with a CRC-32: 2, the downlink apart, and 3.
+// Whether a frame ends with a CRC-32: those of protocol 3, and of 2 but for the downlink.
 bool hasCrc(std::uint8_t first_byte) {
   const unsigned version = first_byte >> 4, type = first_byte & kTypeMask;
   return version == 3 || (version == 2 && type != static_cast<unsigned>(MessageType::kDownlink));
@@ -28,7 +30,7 @@ std::uint32_t lastFour(std::span<const std::uint8_t> bytes) {
   return number;
 }
 
-// What of the tag is the frame's own.
+// Mask of the tag's bits that the frame alone determines.
 std::uint32_t ownBits(std::span<const std::uint8_t> bytes) {
   return (bytes[0] & kTypeMask) == static_cast<unsigned>(MessageType::kRepair) ? 0xFFFFFF00U : 0xFFFFFFFFU;
 }
@@ -36,58 +38,23 @@ std::uint32_t ownBits(std::span<const std::uint8_t> bytes) {
 }  // namespace
 
 const char* name(MessageType type) {
-  switch (type) {
-    case MessageType::kReport:
-      return "report";
-    case MessageType::kStatus:
-      return "status";
-    case MessageType::kTrack:
-      return "track";
-    case MessageType::kMissionInfo:
-      return "mission-info";
-    case MessageType::kMapPacket:
-      return "map";
-    case MessageType::kRepair:
-      return "repair";
-    case MessageType::kTileFragment:
-      return "tile";
-    case MessageType::kDownlink:
-      return "downlink";
-  }
-  return "unknown";
+  static constexpr std::array kNames{"report", "status", "track", "mission-info",
+                                     "map",    "repair", "tile",  "downlink"};
+  const auto at = static_cast<std::size_t>(type);
+  return at < kNames.size() ? kNames[at] : "unknown";
 }
 
 const char* name(FrameVerdict verdict) {
-  switch (verdict) {
-    case FrameVerdict::kAccepted:
-      return "accepted";
-    case FrameVerdict::kTooShort:
-      return "too-short";
-    case FrameVerdict::kTooLong:
-      return "too-long";
-    case FrameVerdict::kBadTag:
-      return "bad-tag";
-    case FrameVerdict::kVersion:
-      return "other-version";
-    case FrameVerdict::kType:
-      return "unknown-type";
-    case FrameVerdict::kForeign:
-      return "foreign";
-    case FrameVerdict::kDuplicate:
-      return "duplicate";
-    case FrameVerdict::kBadPayload:
-      return "bad-payload";
-    case FrameVerdict::kUnkeyed:
-      return "unkeyed";
-    case FrameVerdict::kOld:
-      return "old";
-  }
-  return "unknown";
+  static constexpr std::array kNames{"accepted",      "too-short",    "too-long", "bad-tag",
+                                     "other-version", "unknown-type", "foreign",  "duplicate",
+                                     "bad-payload",   "unkeyed",      "old"};
+  const auto at = static_cast<std::size_t>(verdict);
+  return at < kNames.size() ? kNames[at] : "unknown";
 }
 
 Version firstVersion(std::int64_t start_utc_ns) {
-  constexpr std::int64_t kLap_ns = 7200 * std::int64_t{1'000'000'000};
-  constexpr std::int64_t kEpoch_ns = schema::kTimeEpoch_s * 1'000'000'000;
+  constexpr std::int64_t kLap_ns = 7200 * kSecond_ns;
+  constexpr std::int64_t kEpoch_ns = schema::kTimeEpoch_s * kSecond_ns;
   const std::int64_t since_ns = start_utc_ns - kEpoch_ns;
   const std::int64_t laps = since_ns / kLap_ns + (since_ns % kLap_ns < 0 ? 0 : 1);
   // No version is 0.
@@ -141,7 +108,7 @@ DecodedFrame decodeFrame(std::span<const std::uint8_t> bytes, const FrameTag& ta
   const std::uint32_t own = has_crc ? 0xFFFFFFFFU : ownBits(bytes);
   const auto fits = [&](std::uint32_t right) { return ((last ^ right) & own) == 0; };
   const std::uint32_t unkeyed = has_crc ? crc32(checked) : FrameTag().of(checked, 0);
-  if (frame.verdict == FrameVerdict::kVersion) {  // told only of what is whole
+  if (frame.verdict == FrameVerdict::kVersion) {  // reported only of whole frames
     if (!fits(crc32(checked)) && !fits(unkeyed)) frame.verdict = FrameVerdict::kBadTag;
     return frame;
   }

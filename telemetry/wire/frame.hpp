@@ -6,7 +6,7 @@
 #include <optional>
 #include <span>
 
-#include "telemetry/wire/frame_tag.hpp"
+#include "telemetry/wire/link_key.hpp"
 
 namespace fathom::telemetry {
 
@@ -14,10 +14,10 @@ namespace fathom::telemetry {
 //   u4 protocol version, u1 your turn, u3 message type, u8 vehicle id, u16 dive id, u16 sequence number,
 //   payload, u32 tag.
 // "Your turn": the vehicle listens after this frame. A repair frame has no sequence number of its own; it
-// names the first frame of the group that it repairs. The tag (frame_tag.hpp) stands where every protocol had
-// its check. A frame is as long as its content; a modem's port keeps frame borders (SLIP, datagrams).
+// carries that of the first frame of its group. The tag is FrameTag's. A frame is as long as its content; a
+// modem's port keeps frame borders (SLIP, datagrams).
 //
-// Of the versions before, whose frames ended with a CRC-32, recordings are read, where no key is asked for.
+// Recordings of the versions before, in which frames end with a CRC-32, are read when no key is required.
 inline constexpr unsigned kProtocolVersion = 4;
 inline constexpr std::size_t kFrameOverhead = 10;
 inline constexpr std::size_t kMinFrameBytes = 32;   // smallest frame size that may be configured
@@ -31,19 +31,19 @@ enum class MessageType : std::uint8_t {
   kMapPacket = 4,
   kRepair = 5,
   kTileFragment = 6,
-  kDownlink = 7,  // from the ship to the vehicle; all others go the other way
+  kDownlink = 7,  // from the ship to the vehicle; all others from the vehicle to the ship
 };
 inline constexpr std::size_t kMessageTypes = 8;  // size of an array by MessageType
 [[nodiscard]] const char* name(MessageType type);
 
-// A frame's number: its sequence number with the bits that the frame leaves out, the lap. It grows by one a
-// frame, over a dive and from one dive to the next. Blocks are named by the frame that carried them.
+// A frame's number: 16 bits of lap, which the frame leaves out, and its sequence number. It grows by one a
+// frame, over a dive and from one dive to the next. Blocks are identified by the frame that carried them.
 using Version = std::uint32_t;
 [[nodiscard]] constexpr std::uint16_t lapOf(Version version) {
   return static_cast<std::uint16_t>(version >> 16);
 }
-// The first frame of a dive that began then: a lap more for every two hours since 2025, so that no dive has
-// the numbers of one before. They begin again after 15 years.
+// Version of the first frame of a dive that began at this time: one lap for every two hours since 2025, so
+// that no dive has the numbers of one before. The laps repeat after 15 years.
 [[nodiscard]] Version firstVersion(std::int64_t start_utc_ns);
 // The version nearest to `near` that has this sequence number.
 [[nodiscard]] inline Version versionNear(std::uint16_t sequence, Version near) {
@@ -63,14 +63,14 @@ enum class FrameVerdict : std::uint8_t {
   kAccepted,
   kTooShort,    // shorter than header and CRC
   kTooLong,     // longer than kMaxFrameBytes
-  kBadTag,      // damaged, forged, or made with another key
+  kBadTag,      // damaged, forged, or of another key
   kVersion,     // another protocol version
-  kType,        // the ship's own voice, heard by the ship
+  kType,        // a downlink frame, received by the ship
   kForeign,     // another vehicle or dive
   kDuplicate,   // seen already
-  kBadPayload,  // the frame is whole, its message is not valid (counted by whoever decodes the message)
-  kUnkeyed,     // whole, but made without a key, where one is asked for
-  kOld,         // of a dive before this one, kept back or played again
+  kBadPayload,  // the frame is whole, its message is not valid (counted by the decoder of the message)
+  kUnkeyed,     // whole, but without a key, where one is required
+  kOld,         // of an earlier dive: delayed or replayed
 };
 inline constexpr std::size_t kFrameVerdicts = 11;
 [[nodiscard]] const char* name(FrameVerdict verdict);
@@ -85,17 +85,16 @@ struct DecodedFrame {
   FrameVerdict verdict = FrameVerdict::kTooShort;
   FrameHeader header;                     // valid from kForeign on
   std::span<const std::uint8_t> payload;  // points into the bytes given; valid when accepted
-  bool whole_version = false;             // the tag proves the lap; else the version has lap 0
-  // Of a repair frame: 8 bits of a digest of all that its group carried. They are added (exclusive or) to the
-  // tag's last byte, so that the other three prove the frame by itself, and all what is repaired with
-  // it.
+  bool whole_version = false;             // the tag includes the lap; otherwise the version has lap 0
+  // Of a repair frame: 8 bits of a digest of its group's content, combined (exclusive or) with the tag's last
+  // byte. The other three bytes authenticate the frame itself, all four what is repaired with it.
   std::optional<std::uint8_t> group;  // none in protocols before
 };
-// Checks everything that one frame alone can tell (not identity, not duplicates). With a key the laps given
-// are tried one after the other.
+// Checks one frame by itself (neither identity nor duplicates). With a key the given laps are tried one after
+// the other.
 [[nodiscard]] DecodedFrame decodeFrame(std::span<const std::uint8_t> bytes, const FrameTag& tag = {},
                                        std::span<const std::uint16_t> laps = {});
-// What a frame says of itself, nothing of it checked but that it can be one.
+// Reads the header without checking the tag.
 [[nodiscard]] DecodedFrame peekFrame(std::span<const std::uint8_t> bytes);
 
 }  // namespace fathom::telemetry

@@ -1,16 +1,18 @@
 #include "telemetry/wire/link_key.hpp"
 
-#include <fcntl.h>
 #include <sodium.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
+#include <algorithm>
+#include <cassert>
 #include <cerrno>
 #include <cstring>
 #include <stdexcept>
 #include <string_view>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/files/descriptor.hpp"
+#include "realtime/base/input_error.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -29,20 +31,6 @@ static_assert(LinkKey::kBytes >= crypto_generichash_KEYBYTES_MIN &&
 void startSodium() {
   if (sodium_init() < 0) throw std::runtime_error("libsodium cannot start");
 }
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  [[nodiscard]] int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 }  // namespace
 
@@ -85,13 +73,13 @@ void LinkKey::derive(std::string_view purpose, std::span<std::uint8_t> key) cons
 LinkKey readLinkKey(const std::filesystem::path& file, std::string& warning) {
   startSodium();
   warning.clear();
-  // Without waiting: a pipe would hold the program.
+  // Opened without waiting: a pipe would block the program.
   const Descriptor in(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   struct stat about {};
   if (in.get() < 0 || ::fstat(in.get(), &about) != 0)
     throw InputError(file.string(), "", std::string("cannot be read (") + std::strerror(errno) + ")");
   if (!S_ISREG(about.st_mode)) throw InputError(file.string(), "", "is no file");
-  // Room for one byte more than the longest line end: a longer file shows itself.
+  // Room for one byte more than the longest valid file, so that a longer one is noticed.
   std::array<char, kDigits + 3> text{};
   const ssize_t got = ::read(in.get(), text.data(), text.size());
   std::size_t size = got > 0 ? static_cast<std::size_t>(got) : 0;
@@ -127,17 +115,38 @@ void makeLinkKey(const std::filesystem::path& file) {
     sodium_memzero(text.data(), text.size());
     throw InputError(file.string(), "",
                      error == EEXIST ? "exists already; a key is never overwritten: give another name"
-                                     : std::string("cannot be made (") + std::strerror(error) + ")");
+                                     : std::string("cannot be written (") + std::strerror(error) + ")");
   };
   const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, S_IRUSR | S_IWUSR));
   if (out.get() < 0) refuse(errno);
   // A hard link, unlike a rename, fails where the name is taken.
-  const bool made = ::write(out.get(), text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-                    ::fsync(out.get()) == 0 && ::link(temporary.c_str(), file.c_str()) == 0;
+  const bool written = ::write(out.get(), text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+                       ::fsync(out.get()) == 0 && ::link(temporary.c_str(), file.c_str()) == 0;
   const int error = errno;
   ::unlink(temporary.c_str());
-  if (!made) refuse(error);
+  if (!written) refuse(error);
   sodium_memzero(text.data(), text.size());
+}
+
+FrameTag::FrameTag(const std::optional<LinkKey>& key) : keyed_(key.has_value()) {
+  static_assert(std::tuple_size_v<decltype(secret_)> == crypto_shorthash_KEYBYTES);
+  if (key) key->derive("Fathom uplink 4", secret_);
+}
+
+std::uint32_t FrameTag::of(std::span<const std::uint8_t> bytes, std::uint16_t lap) const {
+  assert(bytes.size() <= kMaxFrameBytes);
+  std::array<std::uint8_t, kMaxFrameBytes + 2> text;
+  std::copy(bytes.begin(), bytes.end(), text.begin());
+  std::size_t size = bytes.size();
+  if (keyed_) {
+    text[size++] = static_cast<std::uint8_t>(lap >> 8);
+    text[size++] = static_cast<std::uint8_t>(lap);
+  }
+  std::array<std::uint8_t, crypto_shorthash_BYTES> hash;
+  crypto_shorthash(hash.data(), text.data(), size, secret_.data());
+  std::uint32_t tag = 0;
+  for (std::size_t i = 0; i < sizeof tag; ++i) tag = tag << 8 | hash[i];
+  return tag;
 }
 
 }  // namespace fathom::telemetry

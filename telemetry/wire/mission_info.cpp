@@ -1,15 +1,14 @@
 #include "telemetry/wire/mission_info.hpp"
 
 #include <algorithm>
-#include <numbers>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/wire/status.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr Field kLatitude{-90, 90, 1e-7};     // [deg]
 constexpr Field kLongitude{-180, 180, 1e-7};  // [deg]
 constexpr unsigned kHashBits = 16;
@@ -27,7 +26,7 @@ constexpr std::uint32_t hashSchema() {
   for (const Field& field : {kTime, kHorizontal, kDepth, kStatusTime, kStatusHorizontal, kStatusDepth, kTilt,
                              kHeading, kAltitude, kSpeed, kBattery, kProgress, kLatitude, kLongitude})
     hash = hashField(hash, field);
-  for (const LogField& field : {kPositionSigma, kArea, kPairs, kDropped, kSlips, kShed, kRefusals})
+  for (const LogField& field : {kPositionSigma, kArea, kPairs, kDropped, kLateCycles, kShed, kRefusals})
     hash = hashField(hash, field);
   return (hash ^ kMapPacketFormat) * 16777619U;  // FNV prime
 }
@@ -42,8 +41,8 @@ std::uint16_t schemaHash() {
 std::size_t encodeMissionInfo(const MissionInfo& info, std::span<std::uint8_t> out) {
   BitWriter w(out);
   w.put(schemaHash(), kHashBits);
-  w.put(kLatitude, info.origin.latitude / kDegree);
-  w.put(kLongitude, info.origin.longitude / kDegree);
+  w.put(kLatitude, info.origin.latitude / kRadiansPerDegree);
+  w.put(kLongitude, info.origin.longitude / kRadiansPerDegree);
   w.put(timeToLink(info.start_utc_ns), schema::kTime.bits());
   if (!w.ok() || w.bitsLeft() < kLengthBits) return 0;
   const std::size_t room = (w.bitsLeft() - kLengthBits) / kCharacterBits;
@@ -60,8 +59,8 @@ bool decodeMissionInfo(std::span<const std::uint8_t> payload, MissionInfo& info)
   MissionInfo decoded;
   BitReader r(payload);
   decoded.schema_hash = static_cast<std::uint16_t>(r.get(kHashBits));
-  decoded.origin.latitude = r.get(kLatitude) * kDegree;
-  decoded.origin.longitude = r.get(kLongitude) * kDegree;
+  decoded.origin.latitude = r.get(kLatitude) * kRadiansPerDegree;
+  decoded.origin.longitude = r.get(kLongitude) * kRadiansPerDegree;
   decoded.start_utc_ns = timeFromLink(r.get(schema::kTime.bits()));
   const std::size_t length = r.get(kLengthBits);
   for (std::size_t i = 0; i < length && r.ok(); ++i) {

@@ -9,12 +9,12 @@
 
 namespace fathom::telemetry {
 
-// What a receiver needs to place the map on the Earth; sent seldom and again and again.
+// What a receiver needs to place the map on the Earth; sent seldom, and repeatedly.
 struct MissionInfo {
   std::string vehicle_name;  // printable ASCII; as much of it as fits a frame is sent, at most kMaxNameBytes
   Geodetic origin;           // of nav [rad], sent to 1e-7 deg (1.1 cm)
   std::int64_t start_utc_ns = 0;  // sent to 0.1 s
-  std::uint16_t schema_hash = 0;  // set by decodeMissionInfo: the sender's; compare with kSchemaHash
+  std::uint16_t schema_hash = 0;  // set by decodeMissionInfo: the sender's; compare with schemaHash()
 };
 inline constexpr std::size_t kMaxNameBytes = 31;
 

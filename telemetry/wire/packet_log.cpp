@@ -3,7 +3,7 @@
 #include <array>
 #include <iterator>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "telemetry/wire/bundle.hpp"
 
 namespace fathom::telemetry {

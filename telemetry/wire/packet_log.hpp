@@ -9,7 +9,7 @@
 
 namespace fathom::telemetry {
 
-// packets.bin: every modem frame that crossed (or was given to) the link, in order. For each:
+// packets.bin: every modem frame that was sent or received, in order. For each:
 //   u32 length [B], 1 to 2048; i64 UTC [ns]; the bytes. Little-endian, no header, so that files join by
 //   concatenation.
 struct Packet {
@@ -26,10 +26,10 @@ class PacketLogReader {
  public:
   explicit PacketLogReader(const std::filesystem::path& path);  // throws InputError if it cannot be read
   // The next packet; nullopt at the end. Throws InputError (file, byte, fix) for a length out of bounds or a
-  // truncated packet: what came before it has been returned.
+  // truncated packet.
   std::optional<Packet> next();
-  // After next() has thrown: goes on with the next packet that holds a whole frame, further back in the file;
-  // false: there is none.
+  // After next() has thrown: continues at the next packet of the file that holds a whole frame; false: there
+  // is none.
   [[nodiscard]] bool passOverDamage();
   [[nodiscard]] std::uint64_t offset() const { return offset_; }  // of the next packet [B]
 

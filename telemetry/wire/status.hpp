@@ -1,15 +1,17 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
 
+#include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/field.hpp"
 
 namespace fathom::telemetry {
 
-// Bits of Status::health. A set bit is something that the people on the ship should know.
+// Bits of Status::health: set for what the operators on the ship should know.
 enum HealthFlag : std::uint16_t {
   kHealthSoftRealTime = 1U << 0,  // runs without SCHED_FIFO or locked memory
   kHealthDvlLost = 1U << 1,       // no valid bottom track
@@ -18,14 +20,14 @@ enum HealthFlag : std::uint16_t {
   kHealthCameraLost = 1U << 4,      // no stereo pairs arrive
   kHealthNoFix = 1U << 5,           // position rests on dead reckoning alone
   kHealthOverload = 1U << 6,        // work is being shed
-  kHealthPoolFull = 1U << 7,        // some pool is full
-  kHealthMapCoarsened = 1U << 8,    // map resolution was given up
+  kHealthPoolFull = 1U << 7,        // a pool is full
+  kHealthMapCoarsened = 1U << 8,    // map resolution was reduced
   kHealthRecorderFailed = 1U << 9,  // the mission is not being recorded whole
   kHealthDiskLow = 1U << 10,
-  kHealthStereoPoor = 1U << 11,   // pairs arrive but give few points (turbid, dark, too high)
-  kHealthSensorLies = 1U << 12,   // DVL, compass or the rig's calibration contradict the images
-  kHealthClockUnsure = 1U << 13,  // the vehicle's time is not known to be UTC to within a second
-  kHealthNoMap = 1U << 14,        // nobody maps now; what is told of the map is of before
+  kHealthStereoPoor = 1U << 11,          // pairs arrive but give few points (turbid, dark, too high)
+  kHealthSensorContradicted = 1U << 12,  // DVL, compass or the rig's calibration contradict the images
+  kHealthClockUnsure = 1U << 13,         // the vehicle's time is not known to be UTC to within a second
+  kHealthNoMap = 1U << 14,               // mapping has stopped; the map's figures are from before
 };
 inline constexpr unsigned kHealthBits = 15;
 [[nodiscard]] const char* healthText(unsigned bit);  // short text of bit 0 to kHealthBits - 1
@@ -45,12 +47,12 @@ struct Status {
   double position_sigma = kAbsent;    // standard deviation, horizontal, one axis [m], or absent
   double battery = kAbsent;           // charge left, 0 to 1, or absent
   std::uint32_t pairs_seen = 0;       // stereo pairs taken
-  std::uint32_t pairs_dropped = 0;    // of these, how many gave the map nothing
+  std::uint32_t pairs_dropped = 0;    // of these, those that added nothing to the map
   double map_area = 0;                // seafloor covered [m2]
   double mission_progress = kAbsent;  // 0 to 1, or absent without a plan
   std::uint16_t health = 0;           // HealthFlag
-  std::uint32_t slipped_cycles = 0;   // hard loop cycles that began late
-  std::uint32_t shed_work = 0;        // frames or jobs given up by the soft tier for lack of time
+  std::uint32_t late_cycles = 0;      // hard loop cycles that began late
+  std::uint32_t shed_work = 0;        // frames or jobs dropped by the soft tier for lack of time
   std::uint32_t pool_refusals = 0;    // requests that a full pool refused or coarsened away
 };
 
@@ -70,11 +72,11 @@ inline constexpr Field kSpeed{0, 3.1, 0.1};                        // [m/s]
 inline constexpr LogField kPositionSigma{0.05, 500, 6, true};      // steps of 17 % [m]
 inline constexpr Field kBattery{0, 1, 0.02, true};
 inline constexpr Field kProgress{0, 1, 0.02, true};
-inline constexpr unsigned kHealthWidth = 15;      // room for flags to come
-inline constexpr LogField kArea{1, 131072, 8};    // steps of 5 % [m2]
-inline constexpr LogField kPairs{1, 131072, 7};   // steps of 10 %
-inline constexpr LogField kDropped{1, 32768, 5};  // of pairs; steps of 42 %
-inline constexpr LogField kSlips{1, 1000, 3};     // factors of 3.2
+inline constexpr unsigned kHealthWidth = 15;        // room for flags to come
+inline constexpr LogField kArea{1, 131072, 8};      // steps of 5 % [m2]
+inline constexpr LogField kPairs{1, 131072, 7};     // steps of 10 %
+inline constexpr LogField kDropped{1, 32768, 5};    // of pairs; steps of 42 %
+inline constexpr LogField kLateCycles{1, 1000, 3};  // factors of 3.2
 inline constexpr LogField kShed{1, 1000, 3};
 inline constexpr LogField kRefusals{1, 8192, 4};  // factors of 2
 }  // namespace schema
@@ -85,6 +87,33 @@ inline constexpr std::size_t kStatusBytes = 22;
 [[nodiscard]] std::size_t encodeStatus(const Status& status, std::span<std::uint8_t> out);
 // False (status untouched) if the payload is not valid.
 [[nodiscard]] bool decodeStatus(std::span<const std::uint8_t> payload, Status& status);
+
+// Outcome of a request that the vehicle has received.
+struct RequestOutcome {
+  enum class State : std::uint8_t { kNone, kTaken, kDone, kRefused };
+  State state = State::kNone;   // kNone: no request
+  std::uint8_t id = 0;          // as in Request
+  DownlinkCounter counter = 0;  // of the frame that brought it; only the kOutcomeCounterBits lowest travel
+  friend bool operator==(const RequestOutcome&, const RequestOutcome&) = default;
+};
+inline constexpr unsigned kOutcomeCounterBits = 10;
+
+// The outcomes of the ship's requests, and the vehicle's health: sent at once when one of them changes, and
+// again until the ship has it.
+struct StateReport {
+  std::uint16_t health = 0;  // HealthFlag, as in Status
+  bool paused = false;       // sends no map, on request
+  double rate_bps = 0;       // of sending, to 10 bit/s [bit/s]
+  // The last ones received, newest first; requests taken and not yet done are kept.
+  std::array<RequestOutcome, 6> requests{};
+  friend bool operator==(const StateReport&, const StateReport&) = default;
+};
+inline constexpr std::size_t kStateReportBytes = 16;
+
+// Returns the payload's size, 0 if `out` is too small.
+[[nodiscard]] std::size_t encodeStateReport(const StateReport& report, std::span<std::uint8_t> out);
+// False (report untouched) if the payload is not valid.
+[[nodiscard]] bool decodeStateReport(std::span<const std::uint8_t> payload, StateReport& report);
 
 // Time as the link carries it: 0.1 s, saturating outside the field.
 [[nodiscard]] std::uint64_t timeToLink(std::int64_t utc_ns);

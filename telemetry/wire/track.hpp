@@ -14,8 +14,8 @@ struct TrackPoint {
 
 // The last points of the track, newest first in the payload: the newest in full, each older one as
 // differences of the quantised values (so a point decodes to the same numbers from every message that carries
-// it). One width serves all differences of a message. Each point travels in several messages, so a lost frame
-// leaves no hole.
+// it). One width serves all differences of a message. Each point travels in several messages, so that a lost
+// frame leaves no gap.
 inline constexpr std::size_t kMaxTrackPoints = 63;
 
 // Encodes the newest of `points` (oldest first, times rising) that fit; returns the payload's size, 0 for

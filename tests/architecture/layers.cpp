@@ -124,18 +124,18 @@ Violations findCycles(const IncludeEdges& edges) {
   for (const auto& [from, to] : edges) next[from].push_back(to);
   Violations cycles;
   std::set<std::string> done;
-  std::vector<std::string> way;
+  std::vector<std::string> path;
   const std::function<void(const std::string&)> visit = [&](const std::string& file) {
-    if (const auto again = std::find(way.begin(), way.end(), file); again != way.end()) {
+    if (const auto again = std::find(path.begin(), path.end(), file); again != path.end()) {
       std::string line;
-      for (auto it = again; it != way.end(); ++it) line += *it + " -> ";
+      for (auto it = again; it != path.end(); ++it) line += *it + " -> ";
       cycles.push_back(line + file);
       return;
     }
     if (done.count(file) != 0) return;
-    way.push_back(file);
+    path.push_back(file);
     for (const std::string& to : next[file]) visit(to);
-    way.pop_back();
+    path.pop_back();
     done.insert(file);
   };
   for (const auto& edge : edges) visit(edge.first);

@@ -21,12 +21,12 @@ struct Place {
 bool mayKnow(const Place& from, const Place& to);
 
 // The modules, each as the first line of its folder's README.md has it:
-//   # recon/slam (layer 2)                       a module
+//   # recon/solver (layer 3)                      a module
 //   # firmware_if/can (part of firmware_if): CAN  a folder of one
 //   # recon (modules)                             a folder that only holds modules
 class Layers {
  public:
-  static constexpr int kPrograms = 3;  // a main is in this layer at least
+  static constexpr int kPrograms = 6;  // a main is in this layer at least
 
   // `violations` gets every README.md below the five folders whose first line says none of these, or what is
   // not so.

@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <map>
 #include <regex>
+#include <set>
 #include <sstream>
+#include <string_view>
 
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -39,7 +42,7 @@ TEST(Architecture, NoFileIncludesOneThatItsLayerForbids) {
   EXPECT_THAT(layers().checkIncludes(edges), IsEmpty());
   // The reader sees what is certainly there.
   EXPECT_TRUE(edges.count({"recon/geometry/mesh.hpp", "recon/geometry/se3.hpp"}));
-  EXPECT_TRUE(edges.count({"recon/geometry/mesh_io.cpp", "realtime/kernel/input_error.hpp"}));
+  EXPECT_TRUE(edges.count({"recon/geometry/ply_reader.cpp", "realtime/base/input_error.hpp"}));
 }
 
 TEST(Architecture, NoFileIncludesItselfInTheEnd) {
@@ -70,7 +73,50 @@ TEST(Architecture, ModulesWithoutThreadsNameNone) {
   EXPECT_GT(files, 100u);
 }
 
-TEST(Layers, EachModuleKnowsItselfAndWhatLiesBelow) {
+// Calls `visit` with the name and text of every C++ file of the five folders and, with `tests`, of the tests.
+template <typename Visit>
+void forEachText(bool tests, const Visit& visit) {
+  for (const char* folder : {"firmware_if", "realtime", "recon", "telemetry", "sim", "tests"})
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(kRoot / folder)) {
+      const auto extension = entry.path().extension();
+      if ((extension != ".cpp" && extension != ".hpp") || (!tests && std::string_view(folder) == "tests"))
+        continue;
+      visit(entry.path().lexically_relative(kRoot).generic_string(), readText(entry.path()));
+    }
+}
+
+TEST(Architecture, FactorsBetweenUnitsStandInOneHeader) {
+  const std::regex factor(
+      R"((numbers::pi|M_PI)\s*/\s*180\b|\b180(\.0)?\s*/\s*(std::numbers::pi|M_PI)|constexpr[^;=]*(Sec|Nano|Ns|_ns)[^;=]*=\s*(1e9|1'000'000'000(LL)?)\s*;)");
+  // clock_overlay is laid over programs that are not ours, without any header of ours.
+  const std::set<std::string> exempt{"realtime/base/units.hpp", "sim/hil/bench/clock_overlay.cpp"};
+  bool in_header = false;
+  forEachText(true, [&](const std::string& name, const std::string& text) {
+    std::smatch found;
+    if (!std::regex_search(text, found, factor)) return;
+    in_header = in_header || name == "realtime/base/units.hpp";
+    if (exempt.count(name) == 0)
+      ADD_FAILURE() << name << ": \"" << found.str() << "\": use realtime/base/units.hpp";
+  });
+  EXPECT_TRUE(in_header);
+}
+
+TEST(Architecture, ATypeOfAPublicHeaderHasANameOfItsOwn) {
+  const std::regex declared(
+      R"((?:^|\n)(?:enum class|enum|class|struct|using) (\w+)(?: final)?(?: :[^;{]*)?(?: \{| =))");
+  std::map<std::string, std::string> header_of;
+  forEachText(false, [&](const std::string& name, const std::string& text) {
+    if (!name.ends_with(".hpp")) return;
+    for (std::sregex_iterator type(text.begin(), text.end(), declared), end; type != end; ++type) {
+      const auto [first, is_new] = header_of.insert({(*type)[1], name});
+      EXPECT_TRUE(is_new || first->second == name)
+          << first->first << " is in " << first->second << " and in " << name;
+    }
+  });
+  EXPECT_EQ(header_of["SE3"], "recon/geometry/se3.hpp");
+}
+
+TEST(Layers, EachModuleKnowsItselfAndLowerLayers) {
   const auto may = [](const std::string& from, const std::string& to) {
     return mayKnow(layers().placeOf(from).value(), layers().placeOf(to).value());
   };
@@ -89,7 +135,7 @@ TEST(Layers, EachModuleKnowsItselfAndWhatLiesBelow) {
   EXPECT_FALSE(may("realtime/kernel/a.cpp", "recon/geometry/b.hpp"));
   EXPECT_FALSE(may("recon/geometry/a.cpp", "recon/stereo/b.hpp"));
   EXPECT_FALSE(may("recon/stereo/a.cpp", "recon/fusion/b.hpp"));
-  EXPECT_FALSE(may("recon/nav/a.cpp", "firmware_if/b.hpp"));
+  EXPECT_FALSE(may("recon/navigation/a.cpp", "firmware_if/b.hpp"));
   EXPECT_FALSE(may("firmware_if/a.cpp", "telemetry/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "telemetry/monitor/b.hpp"));
   EXPECT_FALSE(may("telemetry/a.cpp", "telemetry/web/b.hpp"));
@@ -126,12 +172,14 @@ TEST(Layers, AFolderThatDoesNotSayItsPlaceIsFound) {
 
 TEST(Layers, AForbiddenIncludeIsFoundInATree) {
   const TemporaryFolder tree;
-  for (const char* module : {"recon/nav", "recon/stereo", "recon/geometry", "firmware_if", "telemetry"})
+  for (const char* module :
+       {"recon/navigation", "recon/stereo", "recon/geometry", "firmware_if", "telemetry"})
     write(
         tree.path() / module / "README.md",
         "# " + std::string(module) + (module == std::string("recon/geometry") ? " (layer 1)" : " (layer 2)"));
-  write(tree.path() / "recon/nav/good.cpp", "#include \"recon/geometry/se3.hpp\"\n#include <vector>\n");
-  write(tree.path() / "recon/nav/bad.cpp", "  #  include <recon/stereo/match.hpp>\n");
+  write(tree.path() / "recon/navigation/good.cpp",
+        "#include \"recon/geometry/se3.hpp\"\n#include <vector>\n");
+  write(tree.path() / "recon/navigation/bad.cpp", "  #  include <recon/stereo/match.hpp>\n");
   write(tree.path() / "firmware_if/bad.hpp", "#include \"firmware_if/../telemetry/frame.hpp\"\n");
   write(tree.path() / "telemetry/near.hpp", "");
   write(tree.path() / "telemetry/bad.cpp",
@@ -141,7 +189,7 @@ TEST(Layers, AForbiddenIncludeIsFoundInATree) {
   const IncludeEdges edges = readIncludes(tree.path(), relative);
   EXPECT_THAT(relative, ElementsAre(HasSubstr("telemetry/bad.cpp includes \"near.hpp\"")));
   EXPECT_THAT(Layers(tree.path(), relative).checkIncludes(edges),
-              ElementsAre(HasSubstr("firmware_if/bad.hpp"), HasSubstr("recon/nav/bad.cpp"),
+              ElementsAre(HasSubstr("firmware_if/bad.hpp"), HasSubstr("recon/navigation/bad.cpp"),
                           HasSubstr("telemetry/bad.cpp includes tests/support/test_data.hpp")));
 }
 
@@ -165,7 +213,7 @@ TEST(Layers, AForbiddenLinkIsFoundThroughGeneratorExpressionsToo) {
         "fathom-sim|EXECUTABLE|sim|sim;core\n"
         "sim|STATIC_LIBRARY|sim|g;support\n"
         "support|STATIC_LIBRARY|tests/support|\n"
-        "some_test|EXECUTABLE|tests/nav|core;support\n");
+        "some_test|EXECUTABLE|tests/navigation|core;support\n");
   EXPECT_THAT(checkTargets(layers(), readTargets(file)),
               ElementsAre(HasSubstr("fathom-onboard"), HasSubstr("sim links support"), HasSubstr("stereo")));
 }

@@ -1,5 +1,5 @@
-// What two cameras cost: plays a mission's images from two simulated GigE Vision cameras, each in a network
-// of its own, and receives them as the vehicle does.
+// Cost of two cameras: plays a mission's images from two simulated GigE Vision cameras, each in a network of
+// its own, and receives them as the vehicle does.
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -8,12 +8,12 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/camera/gige_camera.hpp"
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/camera/gige_camera.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
 #include "tests/support/network_namespace.hpp"
@@ -68,12 +68,12 @@ void printErrors(const std::vector<io::CameraFrame>& frames, const std::vector<E
               quantile(arrival_ms, 0.5), quantile(arrival_ms, 0.99), quantile(arrival_ms, 1));
 }
 
-struct Options {
+struct CamerasOptions {
   std::filesystem::path mission;
   double rate_hz = 2, seconds = 20;
 };
 
-int run(const Options& options) {
+int runCameras(const CamerasOptions& options) {
   const auto& [folder, rate_hz, seconds] = options;
   const io::MissionConfig mission = io::readMissionConfig(folder);
   std::array<std::vector<Exposure>, 2> exposures;
@@ -147,13 +147,13 @@ int run(const Options& options) {
 }  // namespace
 
 test::Report camerasReport() {
-  static Options o;
+  static CamerasOptions o;
   return {"cameras",
           "Two simulated cameras received as on the vehicle: CPU a frame, frames lost, stamps (as root)",
           {required({"mission", &o.mission, "mission folder with images"}),
            {"--rate", &o.rate_hz, "pairs a second", 0.1, 100},
            {"--seconds", &o.seconds, "of the measurement", 1, 1e5}},
-          [] { return run(o); }};
+          [] { return runCameras(o); }};
 }
 
 }  // namespace fathom::bench

@@ -1,14 +1,15 @@
 // Registration of pairs of frames against the truth of simulated missions: recall by overlap, false
-// acceptances, errors, honesty of the covariance and time by stage. Writes closure.html and closure.json.
+// acceptances, errors, consistency of the covariance (NEES) and time by stage. Writes closure.html
+// and closure.json.
 #include <Eigen/Dense>
 #include <cstdio>
 #include <map>
 #include <random>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/closure/feature_extractor.hpp"
-#include "recon/closure/given_features.hpp"
 #include "recon/closure/registration.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/common/page.hpp"
@@ -50,13 +51,13 @@ struct FramePair {
   Class overlap = kFar;
 };
 
-// Truth of one frame: pose, and what a lattice of its left pixels sees.
+// Truth of one frame: pose, and the seafloor at a lattice of its left pixels.
 struct TrueFrame {
   SE3 T_nav_cam;
   std::vector<Eigen::Vector3d> seen;  // left camera frame [m]
 };
 
-// Share of a's lattice that lies in b's left image.
+// Share of a's lattice within b's left image.
 double overlapOf(const StereoRig& rig, const TrueFrame& a, const TrueFrame& b) {
   const SE3 T_b_a = b.T_nav_cam.inverse() * a.T_nav_cam;
   int inside = 0;
@@ -135,8 +136,8 @@ Vector6d differenceOf(const SE3& estimate, const SE3& truth) {
   return v;
 }
 
-// What navigation would know: the truth with errors of these standard deviations, in frame b's camera. For
-// frames that share nothing it claims the worst: that one lies over the other.
+// The prior of navigation: the truth with errors of these standard deviations, in frame b's camera. For
+// frames without overlap it is the worst case: that both are at one place.
 RelativePrior priorOf(const SE3& truth, Class overlap, std::mt19937& random) {
   Vector6d sigma;
   if (overlap == kConsecutive)
@@ -198,8 +199,8 @@ Extracted extract(const TrueMission& mission, const Frames& frames, const Featur
 }
 
 // `verbose`: one line a pair.
-bench::Table report(const TrueMission& mission, const Frames& frames, const std::vector<FramePair>& pairs,
-                    const Extracted& extracted, const std::string& name, bool with_prior, bool verbose) {
+bench::Table reportOf(const TrueMission& mission, const Frames& frames, const std::vector<FramePair>& pairs,
+                      const Extracted& extracted, const std::string& name, bool with_prior, bool verbose) {
   constexpr double kWrong[2] = {0.10, 0.05};  // an accepted pose that is off by more is false [m, rad]
   StageClock matching;
   Registrar registrar(mission.rig(), {});
@@ -260,19 +261,18 @@ bench::Table report(const TrueMission& mission, const Frames& frames, const std:
                      {}};
   for (std::size_t k = 0; k < kClasses; ++k) {
     const ClassResult& c = results[k];
-    constexpr double kDegrees = 57.29577951308232;
     std::string refusals;
     for (const auto& [reason, times] : c.refusals) refusals += reason + " " + std::to_string(times) + " ";
-    table.rows.push_back({kClassNames[k], cell(c.pairs), cell(c.accepted), cell(c.wrong),
-                          bench::meanOf(c.matches), bench::meanOf(c.inliers), 1e3 * bench::rmsOf(c.position),
-                          1e3 * bench::quantile(c.position, 0.5), 1e3 * bench::quantile(c.position, 0.95),
-                          kDegrees * bench::rmsOf(c.angle), kDegrees * bench::quantile(c.angle, 0.95),
-                          bench::meanOf(c.nees), refusals});
+    table.rows.push_back(
+        {kClassNames[k], cell(c.pairs), cell(c.accepted), cell(c.wrong), bench::meanOf(c.matches),
+         bench::meanOf(c.inliers), 1e3 * bench::rmsOf(c.position), 1e3 * bench::quantile(c.position, 0.5),
+         1e3 * bench::quantile(c.position, 0.95), kDegreesPerRadian * bench::rmsOf(c.angle),
+         kDegreesPerRadian * bench::quantile(c.angle, 0.95), bench::meanOf(c.nees), refusals});
   }
   return table;
 }
 
-struct Options {
+struct ClosureOptions {
   std::vector<std::filesystem::path> missions;
   std::filesystem::path out;
   std::size_t every = 4, of_each = 50;
@@ -280,7 +280,7 @@ struct Options {
   bool verbose = false;
 };
 
-int run(const Options& options) {
+int runClosure(const ClosureOptions& options) {
   cv::setNumThreads(1);
   bench::Page page("Loop closures against the truth");
   for (const auto& folder : options.missions) {
@@ -289,8 +289,8 @@ int run(const Options& options) {
     const std::vector<FramePair> pairs = choosePairs(mission.rig(), frames, options.of_each);
     const Extracted extracted = extract(mission, frames, options.features);
     for (const bool with_prior : {false, true})
-      page.add(
-          report(mission, frames, pairs, extracted, folder.filename().string(), with_prior, options.verbose));
+      page.add(reportOf(mission, frames, pairs, extracted, folder.filename().string(), with_prior,
+                        options.verbose));
   }
   std::printf("%s", page.text().c_str());
   if (!options.out.empty()) page.write(options.out, "closure");
@@ -313,7 +313,7 @@ test::Report closureReport() {
            {"--features", &o.features.max_features, "features of a frame", 20, 5000},
            {"--width", &o.features.max_width, "features are sought in images at most so wide [px]", 64, 8192},
            {"--verbose", &o.verbose, "one line a pair"}},
-          [] { return closure::run(o); }};
+          [] { return closure::runClosure(o); }};
 }
 
 }  // namespace fathom::bench

@@ -1,5 +1,4 @@
-// Report on the onboard map at a dive's size: what is left of it when its pool is full, and what a closure
-// costs.
+// Report on the onboard map at a dive's size: its detail when the pool is full, and the cost of a closure.
 //
 // The dive: 36,000 pairs in five hours, 800 points each from 2 m, lines of 0.83 m over 7,500 m2; sand with
 // reefs. The closure: 20,000 meshes in the map, of which 2,000 move by up to 0.5 m; a quota a pair; compared
@@ -9,20 +8,19 @@
 #include <map>
 #include <vector>
 
-#include "realtime/kernel/heap_counter.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
-#include "tests/fusion/scene.hpp"
-#include "tests/onboard/made_dive.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
+#include "tests/onboard/synthetic_survey.hpp"
 
 namespace fathom::bench {
 namespace {
 
 constexpr double kAhead = 0.25, kBetweenLines = 0.833, kLine = 86.6;  // [m]: 36,000 steps cover 7,500 m2
-constexpr double kMiB = 1024.0 * 1024.0;
-constexpr double kGround = 2.0;  // range to the seafloor [m]
+constexpr double kGround = 2.0;                                       // range to the seafloor [m]
 
 // Sand with ripples of a centimetre; every third 10 m square a reef of half a metre.
 double seafloor(double n, double e) {
@@ -36,7 +34,7 @@ Eigen::Vector2d placeOf(int pair) {
   return {kAhead * (line % 2 == 0 ? step : steps - step), kBetweenLines * line};
 }
 
-SE3 poseOf(int pair) {
+SE3 truePoseOf(int pair) {
   const Eigen::Vector2d p = placeOf(pair);
   return SE3(Eigen::Quaterniond::Identity(), {p.x(), p.y(), 20 - kGround});
 }
@@ -114,7 +112,7 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   const calibration::RigHistory rigs{StereoRig{}};
   onboard::MovingMap map(config, &slots, kPoints, rigs);
   bool closed = false;
-  // The last lines drift away from where they belong, as before a closure.
+  // The last lines are shifted, as before a closure.
   const onboard::MovingMap::PoseOf pose_of = [&](int pair, const SE3& T) {
     const double share = static_cast<double>(pair - (meshes - moved)) / moved;
     return closed && share > 0
@@ -123,12 +121,12 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   };
   const auto inCamera = [&](int pair) {
     Mesh mesh = meshOf(pair);
-    transform(mesh, poseOf(pair).inverse());
+    transform(mesh, truePoseOf(pair).inverse());
     return mesh;
   };
   for (int pair = 0; pair < meshes; ++pair) {
     Mesh mesh = inCamera(pair);
-    (void)map.add(mesh, pair, poseOf(pair), poseOf(pair));
+    (void)map.add(mesh, pair, truePoseOf(pair), truePoseOf(pair));
   }
   closed = true;
   (void)map.noteMoved();
@@ -151,7 +149,7 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   fusion::QuadtreeMap fresh(config);
   for (int pair = 0; pair < meshes; ++pair) {
     Mesh mesh = inCamera(pair);
-    transform(mesh, pose_of(pair, poseOf(pair)));
+    transform(mesh, pose_of(pair, truePoseOf(pair)));
     (void)fresh.fuse(mesh);
   }
   const bool equal = map.map().canonicalBytes() == fresh.canonicalBytes();
@@ -167,8 +165,8 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
   return equal && held && heap_calls == 0;
 }
 
-struct Options {
-  Options() {
+struct FusionOptions {
+  FusionOptions() {
     config.max_level = 6;
     config.max_tiles = 8192;
   }
@@ -179,7 +177,7 @@ struct Options {
 }  // namespace
 
 test::Report fusionReport() {
-  static Options o;
+  static FusionOptions o;
   return {"fusion",
           "The onboard map at a dive's size: its full pool, and what a closure costs",
           {{"--max-level", &o.config.max_level, "finest level of 32 m roots"},

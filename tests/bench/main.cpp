@@ -8,9 +8,8 @@ int main(int argc, char** argv) {
   using namespace fathom::bench;
   return test::runReports(
       "fathom-report",
-      {stereoReport(), lightingReport(), overlapReport(), closureReport(), colmapReport(), fusionReport(),
-       accuracyReport(), growthReport(), slamReport(), hostileReport(), linkReport(), realtimeReport(),
-       enduranceReport(), recorderReport(), uml::powerCutReport(), test::killReport(), test::killedDive(),
-       restartReport(), camerasReport()},
+      {stereoReport(), closureReport(), colmapReport(), fusionReport(), slamReport(), hostileReport(),
+       linkReport(), realtimeReport(), enduranceReport(), recorderReport(), uml::powerCutReport(),
+       test::killReport(), test::killedDive(), restartReport(), camerasReport()},
       argc, argv);
 }

@@ -1,7 +1,6 @@
-// What recording costs: full-size pairs at 2 Hz, 100 inputs and 200 raw entries a second, in real time; CPU
-// of the recorder's thread, the longest that an offer took, how long inputs were unsafe, and what a hour of
-// log takes. Peers on the same pairs: writeImage (libtiff, deflate), and the bytes alone written and
-// synced.
+// Cost of recording: full-size pairs at 2 Hz, 100 inputs and 200 raw entries a second, in real time; CPU of
+// the recorder's thread, the longest offer, how long inputs were unsafe, and what an hour of log takes. Peers
+// on the same pairs: writeImage (libtiff, deflate), and the bytes alone written and synced.
 
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -13,10 +12,11 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 #include "firmware_if/recorder/recorder.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/log_histogram.hpp"
+#include "realtime/base/numbers/log_histogram.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
@@ -26,10 +26,7 @@ namespace {
 
 using fathom::test::SyntheticDive;
 
-constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
-constexpr double kMiB = 1024.0 * 1024.0;
-
-// What of the folder's files lies in the system's page cache [MiB].
+// Part of the folder's files in the system's page cache [MiB].
 double cachedMib(const std::filesystem::path& folder) {
   const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
   std::size_t pages = 0;
@@ -72,6 +69,42 @@ class OneImage {
   ImageView view_;
 };
 
+// Cost of one recording; histograms are of offers [ns].
+struct RecordingCost {
+  rt::LogHistogram input_ns, image_ns, raw_ns;
+  std::uint64_t refused = 0;
+  double cpu_ms = 0, cached_mib = 0;
+};
+
+void printRecording(const RecordingCost& m, const io::Recorder::Counters& c, const Sizes& sizes,
+                    std::size_t image_bytes) {
+  const double pairs = static_cast<double>(c.images) / 2;
+  std::printf(
+      "recorder, %.0f s: %.0f pairs of %d x %d, %llu inputs, %llu raw entries; refused or dropped %llu\n",
+      sizes.seconds, pairs, sizes.width, sizes.height, static_cast<unsigned long long>(c.inputs),
+      static_cast<unsigned long long>(c.raw_entries),
+      static_cast<unsigned long long>(m.refused + c.images_dropped_disk + c.images_dropped_queue));
+  std::printf("  CPU of its thread      %6.2f %% of a core, %.2f ms a pair with the inputs beside it\n",
+              m.cpu_ms / sizes.seconds / 10, m.cpu_ms / pairs);
+  for (const auto& [name, histogram] :
+       {std::pair("input", &m.input_ns), std::pair("image", &m.image_ns), std::pair("raw", &m.raw_ns)})
+    std::printf("  offer of %-5s          p50 %.2f us, p99.9 %.2f us, most %.2f us (%llu)\n", name,
+                static_cast<double>(histogram->percentile(50)) * 1e-3,
+                static_cast<double>(histogram->percentile(99.9)) * 1e-3,
+                static_cast<double>(histogram->max()) * 1e-3,
+                static_cast<unsigned long long>(histogram->count()));
+  std::printf("  unsafe at most         %6.1f ms; %llu syncs of the log, the longest %.1f ms\n",
+              static_cast<double>(c.worst_unsafe_ns) * 1e-6, static_cast<unsigned long long>(c.syncs),
+              static_cast<double>(c.worst_sync_ns) * 1e-6);
+  const double log_bytes =
+      static_cast<double>(c.bytes) - static_cast<double>(c.images) * static_cast<double>(image_bytes + 4096);
+  std::printf("  written                %6.1f MiB of images, log %.1f MiB an hour\n",
+              static_cast<double>(c.images) * static_cast<double>(image_bytes) / kMiB,
+              log_bytes / kMiB / sizes.seconds * 3600);
+  std::printf("  images in page cache   %6.1f MiB; most waiting: %zu inputs, %zu images of a camera\n",
+              m.cached_mib, c.input_high_water, c.image_high_water);
+}
+
 void live(const std::filesystem::path& folder, const SyntheticDive& dive, const Sizes& sizes,
           const OneImage& image) {
   io::RecorderConfig config;
@@ -83,18 +116,17 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
       folder, dive.mission(), dive.rig(), config, [&](const io::CameraFrame&) { return image.view(); },
       [&](const io::CameraFrame&) { ++released; });
   std::atomic<bool> ended{false};
-  double cpu_ms = 0;
+  RecordingCost measured;
   std::thread writer([&] {
     rt::RealClock clock;
     const double before = cpuMs();
     while (!ended) {
       recorder.work(50);
-      clock.sleepUntil(clock.monotonicNs() + 20 * kMillisecond);
+      clock.sleepUntil(clock.monotonicNs() + 20 * kMillisecond_ns);
     }
-    cpu_ms = cpuMs() - before;
+    measured.cpu_ms = cpuMs() - before;
   });
   rt::RealClock clock;
-  rt::LogHistogram input_ns, image_ns, raw_ns;
   const std::vector<std::uint8_t> can(24, 0x5a), pd0(650, 0x7f);
   const std::int64_t start = clock.monotonicNs();
   const auto timed = [&](rt::LogHistogram& histogram, const auto& offer) {
@@ -103,7 +135,6 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
     histogram.add(clock.monotonicNs() - before);
     return good;
   };
-  std::uint64_t refused = 0;
   const auto inputs = static_cast<std::uint64_t>(sizes.seconds * 100);
   for (std::uint64_t n = 0; n < inputs; ++n) {
     clock.sleepUntil(start + static_cast<std::int64_t>(n) * SyntheticDive::kInputIntervalNs);
@@ -112,46 +143,25 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
       io::CameraFrame frame;
       frame.side = event->side;
       frame.utc_ns = event->utc_ns;
-      refused += timed(image_ns, [&] { return recorder.offerImage(frame); }) ? 0 : 1;
+      measured.refused += timed(measured.image_ns, [&] { return recorder.offerImage(frame); }) ? 0 : 1;
     }
-    refused += timed(input_ns, [&] { return recorder.offerInput(input); }) ? 0 : 1;
+    measured.refused += timed(measured.input_ns, [&] { return recorder.offerInput(input); }) ? 0 : 1;
     for (int i = 0; i < 2; ++i)
-      refused +=
-          timed(raw_ns, [&] { return recorder.offerRaw(0, input.arrival_utc_ns, "RAW_CAN", can); }) ? 0 : 1;
+      measured.refused +=
+          timed(measured.raw_ns, [&] { return recorder.offerRaw(0, input.arrival_utc_ns, "RAW_CAN", can); })
+              ? 0
+              : 1;
     if (n % 20 == 2)
-      refused +=
-          timed(raw_ns, [&] { return recorder.offerRaw(1, input.arrival_utc_ns, "RAW_DVL", pd0); }) ? 0 : 1;
+      measured.refused +=
+          timed(measured.raw_ns, [&] { return recorder.offerRaw(1, input.arrival_utc_ns, "RAW_DVL", pd0); })
+              ? 0
+              : 1;
   }
   ended = true;
   writer.join();
-  const double cached = cachedMib(folder / "img");
+  measured.cached_mib = cachedMib(folder / "img");
   (void)recorder.close(60);
-  const io::Recorder::Counters c = recorder.counters();
-  const double pairs = static_cast<double>(c.images) / 2;
-  std::printf(
-      "recorder, %.0f s: %.0f pairs of %d x %d, %llu inputs, %llu raw entries; refused or dropped %llu\n",
-      sizes.seconds, pairs, sizes.width, sizes.height, static_cast<unsigned long long>(c.inputs),
-      static_cast<unsigned long long>(c.raw_entries),
-      static_cast<unsigned long long>(refused + c.images_dropped_disk + c.images_dropped_queue));
-  std::printf("  CPU of its thread      %6.2f %% of a core, %.2f ms a pair with the inputs beside it\n",
-              cpu_ms / sizes.seconds / 10, cpu_ms / pairs);
-  for (const auto& [name, histogram] :
-       {std::pair("input", &input_ns), std::pair("image", &image_ns), std::pair("raw", &raw_ns)})
-    std::printf("  offer of %-5s          p50 %.2f us, p99.9 %.2f us, most %.2f us (%llu)\n", name,
-                static_cast<double>(histogram->percentile(50)) * 1e-3,
-                static_cast<double>(histogram->percentile(99.9)) * 1e-3,
-                static_cast<double>(histogram->max()) * 1e-3,
-                static_cast<unsigned long long>(histogram->count()));
-  std::printf("  unsafe at most         %6.1f ms; %llu syncs of the log, the longest %.1f ms\n",
-              static_cast<double>(c.worst_unsafe_ns) * 1e-6, static_cast<unsigned long long>(c.syncs),
-              static_cast<double>(c.worst_sync_ns) * 1e-6);
-  const double log_bytes = static_cast<double>(c.bytes) -
-                           static_cast<double>(c.images) * static_cast<double>(image.bytes() + 4096);
-  std::printf("  written                %6.1f MiB of images, log %.1f MiB an hour\n",
-              static_cast<double>(c.images) * static_cast<double>(image.bytes()) / kMiB,
-              log_bytes / kMiB / sizes.seconds * 3600);
-  std::printf("  images in page cache   %6.1f MiB; most waiting: %zu inputs, %zu images of a camera\n",
-              cached, c.input_high_water, c.image_high_water);
+  printRecording(measured, recorder.counters(), sizes, image.bytes());
 }
 
 void peers(const std::filesystem::path& folder, const OneImage& image) {
@@ -175,13 +185,13 @@ void peers(const std::filesystem::path& folder, const OneImage& image) {
   std::printf("peer write and fdatasync %6.2f ms of CPU a pair\n", (cpuMs() - before) / kPairs);
 }
 
-struct Options {
+struct RecorderOptions {
   Sizes sizes;
   std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("fathom-recorder-" + std::to_string(::getpid()));
 };
 
-int run(const Options& o) {
+int runRecorder(const RecorderOptions& o) {
   const SyntheticDive dive({o.sizes.width, o.sizes.height, 50});
   const OneImage image(dive, o.sizes, CameraSide::kLeft);
   std::filesystem::create_directories(o.folder);
@@ -194,14 +204,14 @@ int run(const Options& o) {
 }  // namespace
 
 test::Report recorderReport() {
-  static Options o;
+  static RecorderOptions o;
   return {"recorder",
-          "What recording costs: full-size pairs at 2 Hz onto the disk",
+          "Cost of recording: full-size pairs at 2 Hz onto the disk",
           {{"--seconds", &o.sizes.seconds, "of the recording", 1, 1e5},
            {"--width", &o.sizes.width, "of an image [px]"},
            {"--height", &o.sizes.height, "of an image [px]"},
            {"--folder", &o.folder, "on the disk to be measured; removed afterwards"}},
-          [] { return run(o); }};
+          [] { return runRecorder(o); }};
 }
 
 }  // namespace fathom::bench

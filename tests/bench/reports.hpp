@@ -6,18 +6,14 @@ namespace fathom::bench {
 
 using test::required;
 
-// The subcommands of fathom-report; each stands beside what it measures.
-[[nodiscard]] test::Report accuracyReport();
+// The subcommands of fathom-report.
 [[nodiscard]] test::Report camerasReport();
 [[nodiscard]] test::Report closureReport();
 [[nodiscard]] test::Report colmapReport();
 [[nodiscard]] test::Report enduranceReport();
 [[nodiscard]] test::Report fusionReport();
-[[nodiscard]] test::Report growthReport();
 [[nodiscard]] test::Report hostileReport();
-[[nodiscard]] test::Report lightingReport();
 [[nodiscard]] test::Report linkReport();
-[[nodiscard]] test::Report overlapReport();
 [[nodiscard]] test::Report realtimeReport();
 [[nodiscard]] test::Report recorderReport();
 [[nodiscard]] test::Report restartReport();

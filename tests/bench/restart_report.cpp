@@ -1,6 +1,5 @@
-// What a restart costs, along a mission of features: the size of the saved state, by part; the time in which
-// the soft tier copies it; the time in which it is loaded into a program that has just begun; and whether it
-// then is the same.
+// Cost of a restart, along a mission of features: size of the saved state by part; time to copy it in the
+// soft tier and to load it into a new program; whether the loaded state is the same.
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,7 +11,7 @@
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
-#include "recon/closure/feature_slot.hpp"
+#include "recon/closure/frame_features.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
 #include "tests/onboard/cores_run.hpp"
@@ -59,17 +58,16 @@ void printParts(std::span<const std::uint8_t> state) {
   std::printf("\n");
 }
 
-struct Options {
+struct RestartOptions {
   std::filesystem::path mission;
   std::size_t saves = 10;
 };
 
-int run(const Options& options) {
+int runRestart(const RestartOptions& options) {
   const RecordedMission mission(options.mission);
   const auto folder = std::filesystem::temp_directory_path();
   SlotFile features(folder, static_cast<std::size_t>(mission.config.localisation.max_keyframes),
-                    closure::slotBytes(closure::DescriptorKind::kRootSift,
-                                       static_cast<std::size_t>(mission.config.localisation.features)));
+                    closure::slotBytes(static_cast<std::size_t>(mission.config.localisation.features)));
   SlotFile meshes(folder, static_cast<std::size_t>(mission.config.max_pairs),
                   meshSlotBytes(static_cast<std::size_t>(mission.config.stereo.max_features)));
   Ship ship;
@@ -124,12 +122,12 @@ int run(const Options& options) {
 }  // namespace
 
 test::Report restartReport() {
-  static Options o;
+  static RestartOptions o;
   return {"restart",
           "What a restart costs along a mission: size of the saved state, time to save and to load it",
           {required({"mission", &o.mission, "recorded mission"}),
-           {"--saves", &o.saves, "times saved along the way", 1, 10000}},
-          [] { return run(o); }};
+           {"--saves", &o.saves, "times saved along the mission", 1, 10000}},
+          [] { return runRestart(o); }};
 }
 
 }  // namespace fathom::bench

@@ -57,9 +57,9 @@ Accuracy accuracyOf(std::vector<PointError> errors) {
   for (std::size_t b = 0; b < kBins; ++b) {
     sum += squares[b];
     count += counts[b];
-    a.honesty_by_sigma.push_back(std::sqrt(squares[b] / std::max(counts[b], 1.0)));
+    a.error_over_sigma_by_sigma.push_back(std::sqrt(squares[b] / std::max(counts[b], 1.0)));
   }
-  a.honesty = std::sqrt(sum / std::max(count, 1.0));
+  a.error_over_sigma = std::sqrt(sum / std::max(count, 1.0));
   return a;
 }
 

@@ -25,10 +25,10 @@ struct Accuracy {
   double bias = 0;                      // median of the signed disparity error [px]
   double beyond_1px = 0;                // share
   double outliers = 0;                  // share with |height| > 3 sigma + 1 cm
-  // Root mean square of height / sigma over the rest: 1 is honest, above 1 says that sigma is too small.
-  double honesty = 0;
+  // Root mean square of height / sigma over the rest: 1 if sigma is right, above 1 if it is too small.
+  double error_over_sigma = 0;
   // The same for quarters of the points by rising sigma.
-  std::vector<double> honesty_by_sigma;
+  std::vector<double> error_over_sigma_by_sigma;
 };
 [[nodiscard]] Accuracy accuracyOf(std::vector<PointError> errors);
 

@@ -1,10 +1,10 @@
 // Stereo against the truth of simulated missions, and against OpenCV in the same run: depth and disparity
-// errors, whether the reported uncertainty is honest, and time and height error over the number of features
-// (figure 6 of Johnson-Roberson et al. 2010). Writes stereo.html and stereo.json.
+// errors, errors over the stated sigma, and time and height error over the number of features (figure 6 of
+// Johnson-Roberson et al. 2010). Writes stereo.html and stereo.json.
 #include <cstdio>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/stereo/delaunay.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "tests/bench/common/measures.hpp"
@@ -236,7 +236,7 @@ web::Plot sweepPlot(const MissionReport& m, bool time) {
 }
 
 bench::Table accuracyTable(const std::vector<MissionReport>& missions) {
-  bench::Table table{"Disparity [px], and heights against what they claim",
+  bench::Table table{"Disparity [px], and heights against their stated sigma",
                      {{"", 0},
                       {"points", 0},
                       {"|error| median", 3},
@@ -250,10 +250,11 @@ bench::Table accuracyTable(const std::vector<MissionReport>& missions) {
                      {}};
   const auto add = [&](const std::string& name, const Accuracy& a) {
     std::string quarters;
-    for (const double h : a.honesty_by_sigma) quarters += (quarters.empty() ? "" : " ") + decimals(h, 2);
-    const bool says = a.honesty > 0;
+    for (const double h : a.error_over_sigma_by_sigma)
+      quarters += (quarters.empty() ? "" : " ") + decimals(h, 2);
+    const bool stated = a.error_over_sigma > 0;
     table.rows.push_back({name, cell(a.points), a.median, a.p90, a.p99, a.bias, 100 * a.beyond_1px,
-                          says ? 100 * a.outliers : NAN, says ? a.honesty : NAN, quarters});
+                          stated ? 100 * a.outliers : NAN, stated ? a.error_over_sigma : NAN, quarters});
   };
   for (const MissionReport& m : missions) {
     add(m.name + ", 800 corners", accuracyOf(m.sparse));
@@ -287,13 +288,13 @@ bench::Table sweepTable(const MissionReport& m) {
   return table;
 }
 
-struct Options {
+struct StereoOptions {
   std::vector<std::filesystem::path> missions;
   std::filesystem::path out;
   std::size_t pairs = 40, sweep_pairs = 5;
 };
 
-int run(const Options& options) {
+int runStereo(const StereoOptions& options) {
   cv::setNumThreads(1);
   std::vector<MissionReport> missions;
   for (const auto& folder : options.missions)
@@ -325,7 +326,7 @@ test::Report stereoReport() {
            required({"--out", &o.out, "folder that gets stereo.html and stereo.json"}),
            {"--pairs", &o.pairs, "of each mission, spread over it", 1, 100000},
            {"--sweep-pairs", &o.sweep_pairs, "of these, for time over features; 0: none"}},
-          [] { return stereo::run(o); }};
+          [] { return stereo::runStereo(o); }};
 }
 
 }  // namespace fathom::bench

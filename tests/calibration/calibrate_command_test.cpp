@@ -6,7 +6,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -63,7 +63,7 @@ TEST(Calibrate, TheThirdRadialCoefficientIsEstimatedOnlyWhenAskedFor) {
   EXPECT_LE(with.stereo_rms, without.stereo_rms + 1e-6);
 }
 
-TEST(Calibrate, ARealDiveTellsItsRigWithoutABoard) {
+TEST(Calibrate, ARealDiveDeterminesItsRigWithoutABoard) {
   FATHOM_REQUIRE_DATA("real/haltbrekken/stereo.calib");
   const test::TemporaryFolder folder, dive;
   for (const char* side : {"left", "right"}) {  // pairs 1 to 9, which overlap well

@@ -8,16 +8,15 @@
 #include <opencv2/imgproc.hpp>
 #include <random>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/colour_difference.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/colour.hpp"
 #include "recon/topside/calibration/chart_images.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::calibration {
 namespace {
 
-// What mixes the channels of a camera whose filters overlap; rows add up to 1.
+// Crosstalk of a camera with overlapping filters; rows add up to 1.
 Eigen::Matrix3d crosstalk() {
   Eigen::Matrix3d out;
   out << 0.72, 0.22, 0.06, 0.10, 0.78, 0.12, 0.03, 0.20, 0.77;

@@ -7,10 +7,10 @@
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/topside/commands/check_calibration_command.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -18,14 +18,13 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 using Kind = MissionVerdict::Line::Kind;
 
 // A simulated dive at a quarter of the image scale, rendered once by the fixture of tests/topside; its rig is
 // the true one.
 const std::filesystem::path kMission = FATHOM_REEF_MISSION;
 
-// The same dive, whose calibration or mission.toml says something else.
+// The same dive with another calibration or mission.toml.
 class Altered {
  public:
   Altered() {
@@ -74,7 +73,8 @@ TEST(MissionCheck, TheRigAsItIsPasses) {
   EXPECT_LT(std::abs(check.epipolar.median), 0.1);
   EXPECT_NEAR(check.range.ratio, 1.0, 0.03);
   for (int i = 0; i < 3; ++i)
-    EXPECT_LT(std::abs(check.mount.both.rotation(i)), 0.3 * kDegree + 3 * check.mount.both.sigma(i)) << i;
+    EXPECT_LT(std::abs(check.mount.both.rotation(i)), 0.3 * kRadiansPerDegree + 3 * check.mount.both.sigma(i))
+        << i;
 
   const test::TemporaryFolder out;
   writeMissionCheck(out.path(), check, verdict);
@@ -97,14 +97,14 @@ TEST(MissionCheck, TheSameMissionGivesTheSameNumbers) {
 TEST(MissionCheck, ARightCameraPitchedByThreeTenthsOfADegreeIsNoticedAndMeasured) {
   Altered mission;
   mission.rig([](StereoRig& rig) {
-    rig.T_right_left = SE3::fromEuler(0.3 * kDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+    rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
   });
   const MissionCheck check = checkMission({mission.path(), {}, 200});
   const MissionVerdict verdict = judge(check);
   EXPECT_FALSE(verdict.good);
   EXPECT_TRUE(isBad(verdict, "the rig has moved")) << textOf(verdict);
-  EXPECT_NEAR(check.epipolar.rotation.x() / kDegree, -0.3, 0.02);  // back to where it truly stands
-  EXPECT_NEAR(check.epipolar.rotation.z() / kDegree, 0, 0.05);
+  EXPECT_NEAR(check.epipolar.rotation.x() / kRadiansPerDegree, -0.3, 0.02);  // back to where it truly stands
+  EXPECT_NEAR(check.epipolar.rotation.z() / kRadiansPerDegree, 0, 0.05);
 }
 
 TEST(MissionCheck, AFocalLengthFivePerCentTooLongIsNoticedAndMeasured) {
@@ -134,7 +134,7 @@ TEST(MissionCheck, ACameraMountedThreeDegreesOffIsNoticedAboutEachAxis) {
   for (int axis = 0; axis < 3; ++axis) {
     Altered mission;
     Vector6d twist = Vector6d::Zero();
-    twist(3 + axis) = 3 * kDegree;
+    twist(3 + axis) = 3 * kRadiansPerDegree;
     mission.config([&](io::MissionConfig& config) {
       config.T_body_cam =
           SE3(SE3::exp(twist).rotation() * config.T_body_cam.rotation(), config.T_body_cam.translation());
@@ -146,12 +146,12 @@ TEST(MissionCheck, ACameraMountedThreeDegreesOffIsNoticedAboutEachAxis) {
                                            : "camera's yaw"))
         << textOf(verdict);
     for (int i = 0; i < 3; ++i)
-      EXPECT_NEAR(check.mount.both.rotation(i) / kDegree, i == axis ? -3 : 0, 1.0)
+      EXPECT_NEAR(check.mount.both.rotation(i) / kRadiansPerDegree, i == axis ? -3 : 0, 1.0)
           << "mounted off about " << axis;
   }
 }
 
-// What a shell script sees.
+// The exit code as a shell script gets it.
 int exitCodeOf(std::vector<std::string> arguments) {
   CLI::App app;
   CLI::App* command = nullptr;
@@ -165,7 +165,7 @@ int exitCodeOf(std::vector<std::string> arguments) {
 TEST(MissionCheck, TheCommandExitsWithZeroForAGoodRigAndWithOneForABadOne) {
   Altered mission;
   mission.rig([](StereoRig& rig) {
-    rig.T_right_left = SE3::fromEuler(0.3 * kDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+    rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
   });
   const test::TemporaryFolder out;
   EXPECT_EQ(exitCodeOf({kMission.string(), "--out", (out.path() / "good").string()}), 0);
@@ -185,7 +185,7 @@ TEST(MissionCheck, ACalibrationOfAnotherImageSizeIsRefusedWithBothSizes) {
 TEST(MissionCheck, AnotherMissionsCalibrationCanBeTried) {
   Altered mission;
   mission.rig([](StereoRig& rig) {
-    rig.T_right_left = SE3::fromEuler(0.3 * kDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+    rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
   });
   EXPECT_FALSE(judge(checkMission({kMission, mission.path() / "stereo.calib", 12})).good);
 }

@@ -5,7 +5,8 @@
 #include <fstream>
 #include <sstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/calibration/board_check.hpp"
 #include "recon/geometry/flat_port.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
@@ -37,8 +38,7 @@ topside::BoardImages boardsIn(const std::filesystem::path& folder) {
   return topside::findBoards(options, kBoard);
 }
 
-// Distance in the right image from the line on which the true rig says that the corner must lie, had the
-// estimated rig been used [px].
+// Distance of a corner in the right image from the epipolar line of `rig` [px].
 double epipolarError(const StereoRig& rig, const Eigen::Vector2d& left, const Eigen::Vector2d& right) {
   const Eigen::Vector3d t = rig.T_right_left.translation();
   const Eigen::Vector3d line = t.cross(rig.T_right_left.rotation() * rig.left.ray(left));
@@ -112,7 +112,7 @@ TEST_F(RenderedBoards, CalibrationRecoversTheTrueRig) {
     EXPECT_NEAR(estimate.fx / truth.fx, 1.0, 0.001);
     EXPECT_NEAR(estimate.fy / truth.fy, 1.0, 0.001);
   }
-  // True corners must lie on the estimated rig's epipolar lines.
+  // True corners must be on the estimated rig's epipolar lines.
   double worst = 0;
   for (const auto& view : done_->views)
     for (const Eigen::Vector3d& point : calibration::boardPoints(kBoard)) {
@@ -143,13 +143,13 @@ TEST_F(RenderedBoards, OtherBoardsTriangulateToTwoCentimetresAtTwoMetres) {
     EXPECT_GT(std::filesystem::file_size(out / name), 1000u) << name;
 }
 
-TEST_F(RenderedBoards, ARightCameraBumpedByATenthOfADegreeIsNoticed) {
+TEST_F(RenderedBoards, ARightCameraTurnedByATenthOfADegreeIsDetected) {
   topside::BoardImages images = boardsIn(folder_->path() / "other");
-  StereoRig bumped = done_->rig;
-  bumped.T_right_left = SE3::fromEuler(0, 0.1 * M_PI / 180, 0, {0, 0, 0}) * bumped.T_right_left;
-  (void)calibration::alignBoards(bumped.left, bumped.right, kBoard, images.views);
+  StereoRig turned = done_->rig;
+  turned.T_right_left = SE3::fromEuler(0, degreesToRadians(0.1), 0, {0, 0, 0}) * turned.T_right_left;
+  (void)calibration::alignBoards(turned.left, turned.right, kBoard, images.views);
   const topside::BoardVerdict verdict =
-      topside::judge(calibration::checkBoards(bumped, kBoard, images.views));
+      topside::judge(calibration::checkBoards(turned, kBoard, images.views));
   EXPECT_FALSE(verdict.good);
 }
 
@@ -207,7 +207,7 @@ TEST(BoardsBehindPorts, GiveThePortsOfCamerasCalibratedInAir) {
   const StereoRig written = readStereoCalib(options.out);
   ASSERT_TRUE(written.left.port);
 
-  // Points of other boards, nearer and farther than most of those seen: by both rigs, from true pixels.
+  // Points nearer and farther than most corners of the boards: by both rigs, from true pixels.
   const auto worst = [&](const StereoRig& rig) {
     double out = 0;
     for (const double z : {0.8, 1.2, 2.0, 3.2})

@@ -1,23 +1,21 @@
-// The mathematics of check-calibration on made matches, ranges and motions.
+// The mathematics of check-calibration on synthetic matches, ranges and motions.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <random>
 
+#include "realtime/base/units.hpp"
 #include "recon/calibration/epipolar_check.hpp"
-#include "recon/calibration/mount_alignment.hpp"
-#include "recon/calibration/range_check.hpp"
 #include "recon/calibration/rig_watch.hpp"
-#include "tests/calibration/made_boards.hpp"
+#include "recon/calibration/sensor_checks.hpp"
+#include "tests/calibration/synthetic_boards.hpp"
 
 namespace fathom::calibration {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
-
-// Matches of a rough seafloor about 2 m away, with noise, a fifth of them wrong.
-std::vector<RigMatch> madeMatches(const StereoRig& rig, std::size_t count, double noise_px) {
+// Matches of a rough seafloor about 2 m away, with noise and a fifth of outliers.
+std::vector<RigMatch> syntheticMatches(const StereoRig& rig, std::size_t count, double noise_px) {
   std::mt19937 random(1);
   std::normal_distribution<double> noise(0, noise_px);
   std::uniform_real_distribution<double> evenly(0, 1);
@@ -34,61 +32,64 @@ std::vector<RigMatch> madeMatches(const StereoRig& rig, std::size_t count, doubl
   return matches;
 }
 
-StereoRig bumped(const StereoRig& rig, const Eigen::Vector3d& degrees) {
+StereoRig withRightTurned(const StereoRig& rig, const Eigen::Vector3d& degrees) {
   StereoRig out = rig;
   Vector6d twist = Vector6d::Zero();
-  twist.tail<3>() = kDegree * degrees;
+  twist.tail<3>() = kRadiansPerDegree * degrees;
   out.T_right_left = SE3::exp(twist) * rig.T_right_left;
   return out;
 }
 
 TEST(EpipolarCheck, OfTheTrueRigIsTheMatchesNoise) {
-  const StereoRig rig = test::madeRig();
-  const EpipolarCheck check = checkEpipolar(rig, madeMatches(rig, 4000, 0.1));
+  const StereoRig rig = test::syntheticRig();
+  const EpipolarCheck check = checkEpipolar(rig, syntheticMatches(rig, 4000, 0.1));
   EXPECT_NEAR(check.median, 0, 0.01);
   EXPECT_NEAR(check.sigma, 0.1, 0.04);  // a fifth of wrong matches widens it
   EXPECT_LT(std::abs(check.worst_cell), 0.08);
-  EXPECT_LT(check.rotation.norm(), 0.05 * kDegree);
+  EXPECT_LT(check.rotation.norm(), 0.05 * kRadiansPerDegree);
 }
 
-TEST(EpipolarCheck, ErrorsArePositiveWhereTheMatchLiesBelowItsLine) {
-  const StereoRig rig = test::madeRig();
-  RigMatch match = madeMatches(rig, 1, 0)[0];
+TEST(EpipolarCheck, ErrorsArePositiveWhereTheMatchIsBelowItsLine) {
+  const StereoRig rig = test::syntheticRig();
+  RigMatch match = syntheticMatches(rig, 1, 0)[0];
   EXPECT_NEAR(epipolarError(rig, match), 0, 1e-9);
   match.right.y() += 2;
   EXPECT_NEAR(epipolarError(rig, match), 2, 0.2);  // the lens stretches a little
 }
 
 TEST(EpipolarCheck, ATurnedCameraIsMeasuredAboutEachAxis) {
-  const StereoRig truth = test::madeRig();
-  const auto matches = madeMatches(truth, 6000, 0.1);
+  const StereoRig truth = test::syntheticRig();
+  const auto matches = syntheticMatches(truth, 6000, 0.1);
   for (const Eigen::Vector3d& turn :
        {Eigen::Vector3d(0.3, 0, 0), Eigen::Vector3d(-0.1, 0, 0.4), Eigen::Vector3d(0, 0.8, 0)}) {
-    // The rig was calibrated turned: the camera now stands the other way.
-    const EpipolarCheck check = checkEpipolar(bumped(truth, turn), matches);
+    // The rig was calibrated turned: the camera is now turned in the opposite direction.
+    const EpipolarCheck check = checkEpipolar(withRightTurned(truth, turn), matches);
     for (int i = 0; i < 3; ++i)
-      EXPECT_NEAR(check.rotation(i) / kDegree, -turn(i), 0.01 + 4 * check.rotation_sigma(i) / kDegree)
+      EXPECT_NEAR(check.rotation(i) / kRadiansPerDegree, -turn(i),
+                  0.01 + 4 * check.rotation_sigma(i) / kRadiansPerDegree)
           << turn.transpose();
     EXPECT_LT(check.sigma_after, 0.2);
   }
 }
 
-TEST(EpipolarCheck, FocalLengthsThatDifferAreToldFromATurn) {
-  const StereoRig truth = test::madeRig();
-  const auto matches = madeMatches(truth, 6000, 0.1);
+TEST(EpipolarCheck, FocalLengthsThatDifferAreSeparatedFromATurn) {
+  const StereoRig truth = test::syntheticRig();
+  const auto matches = syntheticMatches(truth, 6000, 0.1);
   const Eigen::Vector3d turn(0.2, 0, -0.1);
-  StereoRig told = bumped(truth, turn);
-  told.left.fx *= 1.003, told.left.fy *= 1.003;
-  told.right.fx *= 0.997, told.right.fy *= 0.997;
-  const EpipolarCheck check = checkEpipolar(told, matches);
+  StereoRig nominal = withRightTurned(truth, turn);
+  nominal.left.fx *= 1.003, nominal.left.fy *= 1.003;
+  nominal.right.fx *= 0.997, nominal.right.fy *= 0.997;
+  const EpipolarCheck check = checkEpipolar(nominal, matches);
   EXPECT_TRUE(hasMoved(check));
   EXPECT_NEAR(check.focal, 0.006, 0.0006);
-  const StereoRig mended = changed(told, check.rotation, check.focal);
-  EXPECT_FALSE(hasMoved(checkEpipolar(mended, matches)));
-  for (const auto& [a, b] : {std::pair(&mended.left, &truth.left), {&mended.right, &truth.right}})
+  const StereoRig corrected = changed(nominal, check.rotation, check.focal);
+  EXPECT_FALSE(hasMoved(checkEpipolar(corrected, matches)));
+  for (const auto& [a, b] : {std::pair(&corrected.left, &truth.left), {&corrected.right, &truth.right}})
     EXPECT_NEAR(a->fx, b->fx, 0.001 * b->fx);
-  EXPECT_LT(mended.T_right_left.rotation().angularDistance(truth.T_right_left.rotation()) / kDegree, 0.06);
-  EXPECT_NEAR(mended.baseline(), truth.baseline(), 1e-12);
+  EXPECT_LT(
+      corrected.T_right_left.rotation().angularDistance(truth.T_right_left.rotation()) / kRadiansPerDegree,
+      0.06);
+  EXPECT_NEAR(corrected.baseline(), truth.baseline(), 1e-12);
 }
 
 int changesBy(RigWatch& watch, const std::vector<RigMatch>& matches) {
@@ -102,10 +103,10 @@ double rangeErrorOf(const StereoRig& rig, const StereoRig& truth) {
   return rangeChange(truth, rig).at(2);
 }
 
-// Its lines are known from the first pair on, where a change about y is left for more of them.
-TEST(RigWatch, OnePairShowsWhereEpipolarLinesAreBeforeTheRigIsMeasured) {
-  const StereoRig truth = test::madeRig();
-  const auto matches = madeMatches(truth, 300, 0.1);
+// Epipolar lines are right from the first pair on; a turn about y takes more pairs.
+TEST(RigWatch, OnePairCorrectsEpipolarLinesBeforeTheRigIsMeasured) {
+  const StereoRig truth = test::syntheticRig();
+  const auto matches = syntheticMatches(truth, 300, 0.1);
   const auto median = [&](const StereoRig& rig) {
     std::vector<double> off;
     for (const RigMatch& match : matches) off.push_back(std::abs(epipolarError(rig, match)));
@@ -114,89 +115,90 @@ TEST(RigWatch, OnePairShowsWhereEpipolarLinesAreBeforeTheRigIsMeasured) {
   };
   // By roll alone, half of the matches are off to either side.
   for (const Eigen::Vector3d& degrees : {Eigen::Vector3d(0.2, 0.1, -0.1), Eigen::Vector3d(0, 0, 1)}) {
-    const StereoRig told = bumped(truth, degrees);
-    RigWatch watch(told);
-    EXPECT_GT(median(told), 2);
-    EXPECT_FALSE(watch.standAsShown({matches.begin(), matches.begin() + 50})) << "too few tell nothing";
-    EXPECT_TRUE(watch.standAsShown(matches));
+    const StereoRig nominal = withRightTurned(truth, degrees);
+    RigWatch watch(nominal);
+    EXPECT_GT(median(nominal), 2);
+    EXPECT_FALSE(watch.correctAtStart({matches.begin(), matches.begin() + 50})) << "too few matches";
+    EXPECT_TRUE(watch.correctAtStart(matches));
     EXPECT_EQ(watch.changes(), 1U);
     EXPECT_LT(median(watch.rig()), 0.3);
-    EXPECT_NEAR((watch.rig().T_right_left * told.T_right_left.inverse()).log()(4), 0, 1e-5);
-    EXPECT_EQ(watch.history().best(0), watch.history().newest()) << "it stood so from the start";
-    EXPECT_FALSE(watch.standAsShown(matches)) << "once";
+    EXPECT_NEAR((watch.rig().T_right_left * nominal.T_right_left.inverse()).log()(4), 0, 1e-5);
+    EXPECT_EQ(watch.history().best(0), watch.history().newest()) << "unchanged from the start";
+    EXPECT_FALSE(watch.correctAtStart(matches)) << "once";
   }
   RigWatch good(truth);
-  EXPECT_FALSE(good.standAsShown(matches));
+  EXPECT_FALSE(good.correctAtStart(matches));
 }
 
-// However little: half a pixel off its line a match is good for stereo, and every range 8 % too short.
-TEST(RigWatch, ATurnAboutAnyAxisIsTakenOutAsFarAsMatchesTellIt) {
-  const StereoRig truth = test::madeRig();
-  const auto matches = madeMatches(truth, RigWatch::kHeld, 0.1);
+// Small turns too: a match half a pixel off its line is within the gate of stereo, and every range 8 % too
+// short.
+TEST(RigWatch, ATurnAboutAnyAxisIsCorrectedWithinTheAccuracyOfTheMatches) {
+  const StereoRig truth = test::syntheticRig();
+  const auto matches = syntheticMatches(truth, RigWatch::kHeld, 0.1);
   for (const double degrees : {0.05, -0.05, 0.2, -0.2, 1.0, -1.0})
     for (int axis = 0; axis < 3; ++axis) {
-      RigWatch watch(bumped(truth, degrees * Eigen::Vector3d::Unit(axis)));
+      RigWatch watch(withRightTurned(truth, degrees * Eigen::Vector3d::Unit(axis)));
       (void)changesBy(watch, matches);
-      EXPECT_NEAR(watch.turned()(axis) / kDegree, -degrees, 0.012) << degrees << " about " << axis;
+      EXPECT_NEAR(watch.turned()(axis) / kRadiansPerDegree, -degrees, 0.012) << degrees << " about " << axis;
       EXPECT_NEAR(rangeErrorOf(watch.rig(), truth), 0, 0.006) << degrees << " about " << axis;
-      EXPECT_LT(watch.yawSigma() / kDegree, 0.02);
-      EXPECT_EQ(watch.history().best(0), watch.history().newest()) << "it stood so from the start";
+      EXPECT_LT(watch.yawSigma() / kRadiansPerDegree, 0.02);
+      EXPECT_EQ(watch.history().best(0), watch.history().newest()) << "unchanged from the start";
     }
 }
 
-TEST(RigWatch, ManyMatchesTellMoreThanFew) {
-  const StereoRig truth = test::madeRig();
-  RigWatch watch(bumped(truth, {0, 0.1, 0}));
-  (void)changesBy(watch, madeMatches(truth, RigWatch::kHeld + 4 * RigWatch::kToRefine, 0.1));
+TEST(RigWatch, ManyMatchesAreMoreAccurateThanFew) {
+  const StereoRig truth = test::syntheticRig();
+  RigWatch watch(withRightTurned(truth, {0, 0.1, 0}));
+  (void)changesBy(watch, syntheticMatches(truth, RigWatch::kHeld + 4 * RigWatch::kToRefine, 0.1));
   EXPECT_NEAR(rangeErrorOf(watch.rig(), truth), 0, 0.002);
-  EXPECT_EQ(watch.beginnings(), 1u);
-  EXPECT_EQ(watch.changes(), 0u) << "stereo could do with it";
+  EXPECT_EQ(watch.resets(), 1u);
+  EXPECT_EQ(watch.changes(), 0u) << "within the tolerance of stereo";
   EXPECT_LT(watch.history().newest(), 6);
 }
 
 // Knocked in the middle of a dive.
 TEST(RigWatch, FollowsARigThatIsKnocked) {
-  const StereoRig told = test::madeRig();
-  const auto before = madeMatches(told, RigWatch::kHeld + 2 * RigWatch::kToRefine, 0.1);
+  const StereoRig nominal = test::syntheticRig();
+  const auto before = syntheticMatches(nominal, RigWatch::kHeld + 2 * RigWatch::kToRefine, 0.1);
   for (const Eigen::Vector3d& turn : {Eigen::Vector3d(0.3, 0, 0.1), Eigen::Vector3d(0, 0.15, 0)}) {
-    const StereoRig knocked = bumped(told, turn);
-    const auto after = madeMatches(knocked, 2 * RigWatch::kToRefine, 0.1);
-    RigWatch watch(told);
+    const StereoRig knocked = withRightTurned(nominal, turn);
+    const auto after = syntheticMatches(knocked, 2 * RigWatch::kToRefine, 0.1);
+    RigWatch watch(nominal);
     (void)changesBy(watch, before);
     const int stood = watch.history().newest();
-    EXPECT_EQ(watch.beginnings(), 1u);
+    EXPECT_EQ(watch.resets(), 1u);
     EXPECT_GE(changesBy(watch, after), 1);
-    EXPECT_EQ(watch.beginnings(), 2u);
+    EXPECT_EQ(watch.resets(), 2u);
     EXPECT_EQ(watch.changes(), turn.x() > 0 ? 1u : 0u);
-    EXPECT_LT((watch.turned() / kDegree - turn).norm(), 0.01);
-    EXPECT_EQ(watch.history().best(stood), stood) << "it stood otherwise then";
+    EXPECT_LT((watch.turned() / kRadiansPerDegree - turn).norm(), 0.01);
+    EXPECT_EQ(watch.history().best(stood), stood) << "the rig differed at that time";
   }
 }
 
-// Baseline and principal points, of which epipolar lines show nothing.
-TEST(RigHistory, ARangeErrorIsTakenOutAndWhatWasSeenIsSeenAnew) {
-  const StereoRig truth = test::madeRig();
-  StereoRig told = truth;
-  told.T_right_left = SE3(told.T_right_left.rotation(), 1.007 * told.T_right_left.translation());
-  told.right.cx += 0.001 * told.right.width;
-  const RangeError error = rangeChange(truth, told);
+// Baseline and principal points, which do not show in epipolar lines.
+TEST(RigHistory, ARangeErrorIsCorrectedAndPointsAreTriangulatedAgain) {
+  const StereoRig truth = test::syntheticRig();
+  StereoRig nominal = truth;
+  nominal.T_right_left = SE3(nominal.T_right_left.rotation(), 1.007 * nominal.T_right_left.translation());
+  nominal.right.cx += 0.001 * nominal.right.width;
+  const RangeError error = rangeChange(truth, nominal);
   EXPECT_GT(std::abs(error.at(2)), 0.01);
-  const StereoRig found = withoutRangeError(told, error);
+  const StereoRig found = withoutRangeError(nominal, error);
   for (const double range : {1.2, 2.0, 3.0}) EXPECT_NEAR(rangeChange(truth, found).at(range), 0, 1e-3);
-  const Eigen::Vector3d point(0.4, -0.3, 2.1), seen = seenThrough(truth, told, point);
-  EXPECT_GT((seen - point).norm(), 0.02);
-  EXPECT_LT((seenThrough(told, truth, seen) - point).norm(), 1e-6);
-  RigHistory history(told);
+  const Eigen::Vector3d point(0.4, -0.3, 2.1), moved = retriangulated(truth, nominal, point);
+  EXPECT_GT((moved - point).norm(), 0.02);
+  EXPECT_LT((retriangulated(nominal, truth, moved) - point).norm(), 1e-6);
+  RigHistory history(nominal);
   history.add(found, true);
   history.add(truth, false);
   EXPECT_EQ(history.best(0), 1);
   EXPECT_EQ(history.best(2), 2);
 }
 
-TEST(RigWatch, TakesNoRigFromMatchesThatHaveNone) {
-  RigWatch watch(test::madeRig());
+TEST(RigWatch, TakesNoRigFromRandomMatches) {
+  RigWatch watch(test::syntheticRig());
   std::mt19937 random(3);
-  std::uniform_real_distribution<double> x(0, test::madeRig().left.width), off(-15, 15);
+  std::uniform_real_distribution<double> x(0, test::syntheticRig().left.width), off(-15, 15);
   for (int k = 0; k < 40'000; k += static_cast<int>(RigWatch::kOfPair)) {
     std::vector<RigMatch> matches(RigWatch::kOfPair);
     for (RigMatch& m : matches) {
@@ -208,12 +210,12 @@ TEST(RigWatch, TakesNoRigFromMatchesThatHaveNone) {
 }
 
 TEST(EpipolarCheck, NoMatchesGiveZeros) {
-  const EpipolarCheck check = checkEpipolar(test::madeRig(), {});
+  const EpipolarCheck check = checkEpipolar(test::syntheticRig(), {});
   EXPECT_EQ(check.median, 0);
   EXPECT_EQ(check.cells.size(), 48u);
 }
 
-std::vector<RangeSample> madeRanges(double scale, double offset, double shortest, double longest) {
+std::vector<RangeSample> syntheticRanges(double scale, double offset, double shortest, double longest) {
   std::mt19937 random(2);
   std::normal_distribution<double> noise(0, 0.03);
   std::vector<RangeSample> samples;
@@ -225,14 +227,14 @@ std::vector<RangeSample> madeRanges(double scale, double offset, double shortest
 }
 
 TEST(RangeCheck, AScaleIsMeasuredInSpiteOfOutliers) {
-  const RangeCheck check = checkRanges(madeRanges(1.05, 0, 1.9, 2.2));
+  const RangeCheck check = checkRanges(syntheticRanges(1.05, 0, 1.9, 2.2));
   EXPECT_NEAR(check.ratio, 1.05, 3 * check.ratio_sigma + 0.003);
   EXPECT_LT(check.ratio_sigma, 0.01);
   EXPECT_FALSE(check.line_known);  // one altitude
 }
 
-TEST(RangeCheck, ScaleAndOffsetAreToldApartOverManyAltitudes) {
-  const RangeCheck check = checkRanges(madeRanges(0.97, 0.15, 1.5, 5));
+TEST(RangeCheck, ScaleAndOffsetAreSeparatedOverManyAltitudes) {
+  const RangeCheck check = checkRanges(syntheticRanges(0.97, 0.15, 1.5, 5));
   ASSERT_TRUE(check.line_known);
   EXPECT_NEAR(check.scale, 0.97, 0.01);
   EXPECT_NEAR(check.offset, 0.15, 0.03);
@@ -247,7 +249,7 @@ TEST(RangeCheck, TooFewSamplesAreOnlyCounted) {
 }
 
 // Steps of half a metre a second with rolling and, if asked for, turns; by a camera mounted as `truth`.
-std::vector<MotionStep> madeSteps(const SE3& truth, std::size_t count, bool turns, double noise) {
+std::vector<MotionStep> syntheticSteps(const SE3& truth, std::size_t count, bool turns, double noise) {
   std::mt19937 random(3);
   std::normal_distribution<double> gauss(0, 1);
   std::vector<MotionStep> steps;
@@ -264,7 +266,7 @@ std::vector<MotionStep> madeSteps(const SE3& truth, std::size_t count, bool turn
         {T_b1_b0, (SE3::exp(shake) * T_c1_c0).rotation(), middle,
          T_c1_c0 * middle + noise * Eigen::Vector3d(gauss(random), gauss(random), gauss(random))});
   }
-  if (count > 10) steps[10].middle1 += Eigen::Vector3d(0.5, 0, 0);  // followed the wrong thing
+  if (count > 10) steps[10].middle1 += Eigen::Vector3d(0.5, 0, 0);  // an outlier
   return steps;
 }
 
@@ -272,31 +274,32 @@ const SE3 kAssumed = SE3::fromEuler(0.0105, -0.0157, 1.5847, {0.42, -0.03, 0.28}
 
 SE3 turnedMount(const Eigen::Vector3d& degrees) {
   Vector6d twist = Vector6d::Zero();
-  twist.tail<3>() = kDegree * degrees;
+  twist.tail<3>() = kRadiansPerDegree * degrees;
   return {SE3::exp(twist).rotation() * kAssumed.rotation(), kAssumed.translation()};
 }
 
 TEST(MountAlignment, AMissionWithTurnsGivesAllThreeAngles) {
   const Eigen::Vector3d off(2.0, -3.0, 1.0);  // roll, pitch, yaw [deg]
-  const MountAlignment done = alignMount(madeSteps(turnedMount(off), 120, true, 0.005), kAssumed);
+  const MountAlignment done = alignMount(syntheticSteps(turnedMount(off), 120, true, 0.005), kAssumed);
   ASSERT_TRUE(done.both.known);
   for (int i = 0; i < 3; ++i) {
-    EXPECT_NEAR(done.both.rotation(i) / kDegree, off(i), 0.1 + 4 * done.both.sigma(i) / kDegree);
-    EXPECT_LT(done.both.sigma(i), 0.3 * kDegree);
+    EXPECT_NEAR(done.both.rotation(i) / kRadiansPerDegree, off(i),
+                0.1 + 4 * done.both.sigma(i) / kRadiansPerDegree);
+    EXPECT_LT(done.both.sigma(i), 0.3 * kRadiansPerDegree);
   }
   EXPECT_NEAR(done.speed_ratio, 1.0, 0.01);
 }
 
 TEST(MountAlignment, AStraightLineLeavesTheAngleAboutItsDirectionOpen) {
-  const MountAlignment done = alignMount(madeSteps(turnedMount({0, 2, -1}), 60, false, 0.005), kAssumed);
-  EXPECT_TRUE(std::isinf(done.dvl.sigma(0)) || done.dvl.sigma(0) > 2 * kDegree);
-  EXPECT_NEAR(done.dvl.rotation(1) / kDegree, 2, 0.5);
-  EXPECT_NEAR(done.dvl.rotation(2) / kDegree, -1, 0.5);
+  const MountAlignment done = alignMount(syntheticSteps(turnedMount({0, 2, -1}), 60, false, 0.005), kAssumed);
+  EXPECT_TRUE(std::isinf(done.dvl.sigma(0)) || done.dvl.sigma(0) > 2 * kRadiansPerDegree);
+  EXPECT_NEAR(done.dvl.rotation(1) / kRadiansPerDegree, 2, 0.5);
+  EXPECT_NEAR(done.dvl.rotation(2) / kRadiansPerDegree, -1, 0.5);
   EXPECT_TRUE(std::isinf(done.compass.sigma(0)));
 }
 
 TEST(MountAlignment, TooFewStepsAreOnlyCounted) {
-  const MountAlignment done = alignMount(madeSteps(kAssumed, 5, true, 0), kAssumed);
+  const MountAlignment done = alignMount(syntheticSteps(kAssumed, 5, true, 0), kAssumed);
   EXPECT_EQ(done.steps, 5u);
   EXPECT_FALSE(done.both.known);
 }

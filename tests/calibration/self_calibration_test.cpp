@@ -24,14 +24,14 @@ StereoRig trueRig() {
   return rig;
 }
 
-struct Way {
+struct Track {
   double relief = 0.25;  // standard deviation of heights [m]
   double tilt = 0.5;     // of the camera from straight down [rad]
   double sway = 0.15;    // of its attitude from pair to pair [rad]
 };
 
-// A camera 2 m above rough ground; every twentieth sighting is wrong.
-RigTracks flown(const StereoRig& rig, const Way& way) {
+// A camera 2 m above rough ground; every twentieth sighting is an outlier.
+RigTracks syntheticTracks(const StereoRig& rig, const Track& path) {
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> even(0, 1);
@@ -42,15 +42,15 @@ RigTracks flown(const StereoRig& rig, const Way& way) {
   std::vector<SE3> T_cam_world;
   for (std::uint32_t k = 0; k < kPairs; ++k) {
     out.names.push_back("pair" + std::to_string(k));
-    const SE3 T_world_cam = SE3::fromEuler(way.tilt + way.sway * normal(random), way.sway * normal(random),
-                                           way.sway * normal(random), {0.25 * k, 0.02 * normal(random), 0});
+    const SE3 T_world_cam = SE3::fromEuler(path.tilt + path.sway * normal(random), path.sway * normal(random),
+                                           path.sway * normal(random), {0.25 * k, 0.02 * normal(random), 0});
     T_cam_world.push_back(T_world_cam.inverse());
   }
   constexpr int kPoints = 2500;
   for (int i = 0; i < kPoints; ++i) {
     const Eigen::Vector3d point(-2 + 7 * even(random), -4 + 6 * even(random),
-                                2 + way.relief * normal(random));
-    Track track;
+                                2 + path.relief * normal(random));
+    RigTrack track;
     for (std::uint32_t k = 0; k < kPairs; ++k)
       for (const bool right : {false, true}) {
         Eigen::Vector3d p = T_cam_world[k] * point;
@@ -68,11 +68,11 @@ RigTracks flown(const StereoRig& rig, const Way& way) {
   return out;
 }
 
-TEST(SelfCalibration, ARigIsFoundFromWhatItSawOnItsWay) {
+TEST(SelfCalibration, ARigIsFoundFromItsTracks) {
   const StereoRig truth = trueRig();
   SelfCalibrationConfig config;
   config.bundle.prior.centre = kFreeCentre;  // these are off the middle
-  const RigCalibration found = selfCalibrate(flown(truth, {}), kBaseline, config, "made");
+  const RigCalibration found = selfCalibrate(syntheticTracks(truth, {}), kBaseline, config, "synthetic");
   EXPECT_EQ(found.views.size(), 12u);
   EXPECT_NEAR(found.rig.baseline(), kBaseline, 1e-9);
   const Vector6d turn = (found.rig.T_right_left * truth.T_right_left.inverse()).log();
@@ -97,18 +97,18 @@ TEST(SelfCalibration, ARigIsFoundFromWhatItSawOnItsWay) {
   EXPECT_NEAR(found.stereo_rms, std::sqrt(2) * kNoise, 0.1);
 }
 
-TEST(SelfCalibration, LevelGroundFromStraightAboveDoesNotTellAFocalLength) {
+TEST(SelfCalibration, LevelGroundFromStraightAboveDoesNotDetermineAFocalLength) {
   EXPECT_THAT(test::refusal([] {
-                (void)selfCalibrate(flown(trueRig(), {.relief = 0, .tilt = 0, .sway = 0}), kBaseline, {},
-                                    "level");
+                (void)selfCalibrate(syntheticTracks(trueRig(), {.relief = 0, .tilt = 0, .sway = 0}),
+                                    kBaseline, {}, "level");
               }),
-              testing::HasSubstr("level: the images do not tell the rig"));
+              testing::HasSubstr("level: the images do not determine the rig"));
 }
 
-TEST(SelfCalibration, PairsThatShareNothingAreRefused) {
-  RigTracks seen = flown(trueRig(), {});
-  for (Track& track : seen.tracks) track.sightings.resize(1);
-  EXPECT_THAT(test::refusal([&] { (void)selfCalibrate(seen, kBaseline, {}, "alone"); }),
+TEST(SelfCalibration, PairsWithoutCommonPlacesAreRefused) {
+  RigTracks tracks = syntheticTracks(trueRig(), {});
+  for (RigTrack& track : tracks.tracks) track.sightings.resize(1);
+  EXPECT_THAT(test::refusal([&] { (void)selfCalibrate(tracks, kBaseline, {}, "alone"); }),
               testing::HasSubstr("alone: left and right show only 0 places in common"));
 }
 

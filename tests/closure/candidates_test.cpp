@@ -98,7 +98,7 @@ TEST(OverlapProbability, IsTheIntegralOverEveryShapeAndDistance) {
   EXPECT_LT(worst, 0.01);
 }
 
-TEST(Candidate, OfDiscsThatMustOverlapTellsByHowUncertainTheirSeparationIs) {
+TEST(Candidate, OfDiscsThatMustOverlapIsWorthMoreTheLessCertainTheirSeparation) {
   const Footprint there{{0.1, 0}, 0.8}, here{{0, 0}, 0.8};
   const Candidate vague =
       candidateOf(0, there, 3, here, 0.25 * Eigen::Matrix2d::Identity(), {}, separationOfOverlap(0.3));

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "recon/closure/feature_extractor.hpp"
-#include "recon/closure/feature_slot.hpp"
 #include "recon/closure/registration.hpp"
 #include "tests/closure/seafloor.hpp"
 #include "tests/support/strip_mask.hpp"
@@ -29,7 +28,7 @@ FrameFeatures sample(const FeatureConfig& config = {}) {
   return extractor.process(images.leftView(), images.rightView());
 }
 
-TEST(Features, LieOnTheTrueSurfaceAsFarAsTheirCovarianceTells) {
+TEST(Features, AreOnTheTrueSurfaceWithinTheirCovariance) {
   const FrameFeatures frame = sample();
   ASSERT_GT(frame.size(), 200U);
   double sum = 0;
@@ -84,11 +83,11 @@ TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
   EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {3.0, 2.0}).size(), 0U);
 }
 
-// The same ground from two sides, each view slanting by 50 degrees.
-TEST(Features, OfASlantingViewAreThoseOfAViewFromAboveSoThatTheyMatchFromAllSides) {
+// The same ground from two sides, each view tilted by 50 degrees.
+TEST(Features, OfAnObliqueViewAreThoseOfAViewFromAboveSoThatTheyMatchFromAllSides) {
   constexpr double kHeight = 2, kSlant = 0.87;
   const Seafloor flat{[](double, double) { return kHeight; }, test::randomTexture(0.012, 4)};
-  // Where a level camera's axis meets the ground once it slants decides where it has to stand.
+  // Moves the tilted camera back, so that its axis meets the ground at the origin.
   const auto from = [&](double yaw) {
     const SE3 there = lookingDown(0, 0, 0, yaw, 0, kSlant);
     const Eigen::Vector3d axis = there.rotation() * Eigen::Vector3d::UnitZ();
@@ -134,7 +133,7 @@ TEST(Features, RefuseAConfigurationOutOfRange) {
 
 TEST(FeatureSlot, GivesBackWhatWasWritten) {
   const FrameFeatures frame = sample();
-  std::vector<std::uint8_t> slot(slotBytes(frame.kind, 700), 0xAB);
+  std::vector<std::uint8_t> slot(slotBytes(700), 0xAB);
   ASSERT_TRUE(writeSlot(frame, slot));
   FrameFeatures back;
   ASSERT_TRUE(readSlot(slot, back));
@@ -149,10 +148,10 @@ TEST(FeatureSlot, GivesBackWhatWasWritten) {
 
 TEST(FeatureSlot, RefusesASlotThatIsTooSmallAndBytesThatAreNone) {
   FrameFeatures frame = sample(), back;
-  std::vector<std::uint8_t> small(slotBytes(frame.kind, frame.size()) - 1);
+  std::vector<std::uint8_t> small(slotBytes(frame.size()) - 1);
   EXPECT_FALSE(writeSlot(frame, small));
 
-  std::vector<std::uint8_t> slot(slotBytes(frame.kind, frame.size()));
+  std::vector<std::uint8_t> slot(slotBytes(frame.size()));
   ASSERT_TRUE(writeSlot(frame, slot));
   EXPECT_FALSE(readSlot({}, back));
   EXPECT_FALSE(readSlot(std::span(slot).first(slot.size() - 1), back));
@@ -168,9 +167,8 @@ TEST(FeatureSlot, RefusesASlotThatIsTooSmallAndBytesThatAreNone) {
 }
 
 TEST(FeatureSlot, HoldsAnEmptyFrame) {
-  std::vector<std::uint8_t> slot(slotBytes(DescriptorKind::kOrb, 0));
+  std::vector<std::uint8_t> slot(slotBytes(0));
   FrameFeatures none, back;
-  none.kind = DescriptorKind::kOrb;
   ASSERT_TRUE(writeSlot(none, slot));
   EXPECT_TRUE(readSlot(slot, back));
   EXPECT_EQ(back.size(), 0U);

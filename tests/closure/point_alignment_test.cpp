@@ -22,9 +22,9 @@ Eigen::Matrix3d stereoCovariance(const Eigen::Vector3d& p) {
   return c;
 }
 
-class Sea {
+class SyntheticPairs {
  public:
-  explicit Sea(std::uint32_t seed) : random_(seed) {}
+  explicit SyntheticPairs(std::uint32_t seed) : random_(seed) {}
 
   Vector6d twist(double position, double angle) {
     Vector6d v;
@@ -32,7 +32,7 @@ class Sea {
     return v;
   }
 
-  // Pairs under `truth` with the noise that their covariances tell and one draw of shared errors.
+  // Pairs under `truth` with noise of their covariances and one draw of shared errors.
   std::vector<PointPair> pairs(const SE3& truth, int count, const SharedErrors& errors) {
     Eigen::Matrix<double, kSharedErrors, 1> shared;
     for (double& u : shared) u = normal_(random_);
@@ -63,29 +63,21 @@ class Sea {
   std::normal_distribution<double> normal_;
 };
 
-Vector6d errorOf(const SE3& estimate, const SE3& truth) {
-  const SE3 d = estimate.inverse() * truth;
-  const Eigen::AngleAxisd turn(d.rotation());
-  Vector6d e;
-  e << d.translation(), wrapAngle(turn.angle()) * turn.axis();
-  return e;
-}
-
 SE3 turned(double yaw) {
   return SE3::fromEuler(0.04, -0.03, yaw, {0.3, -0.2, 0.1});
 }
 
-TEST(AlignPoints, CovarianceIsHonestOverManyDrawsOfNoiseAndSharedErrors) {
-  Sea sea(3);
+TEST(AlignPoints, CovarianceIsConsistentOverManyDrawsOfNoiseAndSharedErrors) {
+  SyntheticPairs synthetic(3);
   double nees = 0;
   constexpr int kTrials = 1000;
   for (int k = 0; k < kTrials; ++k) {
     const SE3 truth = turned(0.02 * k);
-    const auto pairs = sea.pairs(truth, 80, {});
-    const SE3 start = perturbed(truth, sea.twist(0.005, 0.003));
+    const auto pairs = synthetic.pairs(truth, 80, {});
+    const SE3 start = perturbed(truth, synthetic.twist(0.005, 0.003));
     const auto found = alignPoints(pairs, refineCauchy(pairs, start));
     ASSERT_TRUE(found);
-    const Vector6d e = errorOf(found->T_a_b, truth);
+    const Vector6d e = perturbation(found->T_a_b, truth);
     nees += e.dot(found->covariance.ldlt().solve(e)) / kTrials;
   }
   // 6 within 95 % of 1000 draws is 5.8 to 6.2; the inlier test and linearisation take their part.
@@ -93,7 +85,7 @@ TEST(AlignPoints, CovarianceIsHonestOverManyDrawsOfNoiseAndSharedErrors) {
   EXPECT_LT(nees, 7.0);
 }
 
-// A slope of the disparity across the way turns every step, to the same side.
+// A slope of the disparity across the track turns every step to the same side.
 TEST(AlignPoints, SharedErrorsMoveThePoseAsPredicted) {
   constexpr double kFocalLength = 1700, kApart = 0.07, kRange = 2, kSmall = 0.1;
   const Eigen::Vector2d half_view(0.4, 0.3);
@@ -120,38 +112,38 @@ TEST(AlignPoints, SharedErrorsMoveThePoseAsPredicted) {
   }
 }
 
-TEST(AlignPoints, SharedErrorsDoNothingToViewsThatShareNothing) {
+TEST(AlignPoints, SharedErrorsDoNotBiasViewsWithoutOverlap) {
   const SE3 away(Eigen::Quaterniond::Identity(), {5, 0, 0});
   EXPECT_TRUE(poseBySharedErrors({}, 1700, 0.07, {0.4, 0.3}, 2, away).isZero(0));
 }
 
 TEST(AlignPoints, AcceptsNineteenOfTwentyInliers) {
-  Sea sea(4);
+  SyntheticPairs synthetic(4);
   const SE3 truth = turned(1.0);
-  const auto found = alignPoints(sea.pairs(truth, 4000, {}), truth);
+  const auto found = alignPoints(synthetic.pairs(truth, 4000, {}), truth);
   ASSERT_TRUE(found);
   EXPECT_NEAR(static_cast<double>(found->inliers.size()) / 4000, 0.95, 0.015);
   EXPECT_NEAR(found->noise, 1.0, 0.05);
 }
 
-TEST(AlignPoints, GivesNothingForTooFewPointsOrPointsThatAreOne) {
-  Sea sea(5);
+TEST(AlignPoints, GivesNothingForTooFewPoints) {
+  SyntheticPairs synthetic(5);
   const SE3 truth = turned(0.3);
   EXPECT_FALSE(alignPoints({}, truth));
-  EXPECT_FALSE(alignPoints(sea.pairs(truth, 3, {}), truth));
+  EXPECT_FALSE(alignPoints(synthetic.pairs(truth, 3, {}), truth));
 }
 
 TEST(SampleConsensus, FindsThePoseAmongFourTimesAsManyWrongMatches) {
-  Sea sea(6);
+  SyntheticPairs synthetic(6);
   const SE3 truth = turned(2.0);
-  auto pairs = sea.pairs(truth, 150, {});
+  auto pairs = synthetic.pairs(truth, 150, {});
   for (std::size_t k = 30; k < pairs.size(); ++k) std::swap(pairs[k].a, pairs[(k * 7 + 11) % 120 + 30].a);
   const auto found = sampleConsensus(pairs, {}, nullptr, nullptr);
   ASSERT_TRUE(found);
   EXPECT_GE(found->inliers.size(), 24U);
   const auto aligned = alignPoints(pairs, refineCauchy(pairs, found->T_a_b));
   ASSERT_TRUE(aligned);
-  EXPECT_LT(errorOf(aligned->T_a_b, truth).head<3>().norm(), 0.02);
+  EXPECT_LT(perturbation(aligned->T_a_b, truth).head<3>().norm(), 0.02);
 }
 
 TEST(SampleConsensus, GivesNothingWithoutPairs) {
@@ -166,7 +158,7 @@ TEST(AbsoluteOrientation, IsExactForExactPointsAndRefusesALine) {
     pairs.push_back({truth * b, b, stereoCovariance(b), stereoCovariance(b)});
   const auto pose = absoluteOrientation(pairs, {0, 1, 2, 3});
   ASSERT_TRUE(pose);
-  EXPECT_LT(errorOf(*pose, truth).norm(), 1e-9);
+  EXPECT_LT(perturbation(*pose, truth).norm(), 1e-9);
   EXPECT_FALSE(absoluteOrientation(pairs, {0, 1}));
   EXPECT_FALSE(absoluteOrientation(pairs, {0, 0, 1}));
 }

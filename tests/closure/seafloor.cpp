@@ -82,6 +82,14 @@ StereoImages shoot(const Seafloor& seafloor, const StereoRig& rig, const SE3& T_
           shootOne(seafloor, rig.right, T_nav_cam * rig.T_right_left.inverse(), kRightGain, 2 * seed + 1)};
 }
 
+closure::FrameFeatures featuresOf(const Seafloor& seafloor, const SE3& T_nav_cam, std::uint32_t seed) {
+  closure::FeatureConfig config;
+  config.max_features = 400;
+  closure::FeatureExtractor extractor(smallRig(), config);
+  const auto images = shoot(seafloor, smallRig(), T_nav_cam, seed);
+  return extractor.process(images.leftView(), images.rightView());
+}
+
 SE3 lookingDown(double north, double east, double depth, double yaw, double roll, double pitch) {
   return SE3::fromEuler(roll, pitch, yaw, {north, east, depth});
 }

@@ -11,7 +11,7 @@
 
 namespace fathom::test {
 
-// A piece of seafloor seen by a stereo rig from anywhere: depth and brightness over north and east.
+// Synthetic seafloor: depth and brightness over north and east.
 struct Seafloor {
   std::function<double(double, double)> depth;    // nav z [m]
   std::function<double(double, double)> texture;  // standard deviation about 1
@@ -39,6 +39,10 @@ struct StereoImages {
 // A camera over a place, looking down, turned by yaw; roll and pitch in rad.
 [[nodiscard]] SE3 lookingDown(double north, double east, double depth, double yaw, double roll = 0,
                               double pitch = 0);
+
+// Up to 400 features of smallRig()'s images, as shoot() takes them.
+[[nodiscard]] closure::FrameFeatures featuresOf(const Seafloor& seafloor, const SE3& T_nav_cam,
+                                                std::uint32_t seed);
 
 // A small rig with the lenses of a real one: 480 x 384 px, 7 cm baseline.
 [[nodiscard]] StereoRig smallRig();

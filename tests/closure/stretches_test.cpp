@@ -22,11 +22,11 @@ std::vector<Footprint> lawnMower(int lines, int frames, double spacing) {
   return footprints;
 }
 
-// Dead reckoning that drifts along and across by these shares of the way.
+// Dead reckoning that drifts along and across by these shares of the path.
 Separation drifting(double along, double across) {
   return [=](std::uint32_t a, std::uint32_t b) -> Eigen::Matrix2d {
-    const double way = kStep * static_cast<double>(b - a);
-    return Eigen::Vector2d(std::pow(along * way, 2), std::pow(across * way, 2)).asDiagonal();
+    const double path = kStep * static_cast<double>(b - a);
+    return Eigen::Vector2d(std::pow(along * path, 2), std::pow(across * path, 2)).asDiagonal();
   };
 }
 
@@ -44,7 +44,7 @@ TEST(Stretches, AreOfEightFramesOrThreeMetresAndCoverAllFrames) {
   EXPECT_TRUE(stretchesOf({}, drifting(0, 0)).empty());
 }
 
-TEST(Stretches, FallIntoSingleFramesWhereTheWayBetweenIsNotKnown) {
+TEST(Stretches, AreSingleFramesWhereThePathBetweenIsUncertain) {
   const std::vector<Footprint> footprints = lawnMower(1, 64, 1);
   const auto lost = [](std::uint32_t a, std::uint32_t b) -> Eigen::Matrix2d {
     return (a < 30 && b >= 30 ? 4.0 : 1e-6) * Eigen::Matrix2d::Identity();
@@ -53,14 +53,14 @@ TEST(Stretches, FallIntoSingleFramesWhereTheWayBetweenIsNotKnown) {
   EXPECT_EQ(stretches.size(), 6U + 16U);
 }
 
-TEST(StretchTree, FindsAllThatMayOverlapWithinThreeSigmaInEitherDirectionAndPassesOverTheRest) {
+TEST(StretchTree, FindsAllThatMayOverlapWithinThreeSigmaInEitherDirectionAndSkipsTheRest) {
   const std::vector<Footprint> footprints = lawnMower(30, 80, 1.0);
   const Separation separation = drifting(0.0005, 0.004);
   const StretchTree tree(footprints, stretchesOf(footprints, separation), kOverlap, separation);
   const std::vector<Stretch>& stretches = tree.stretches();
-  int asked = 0;
+  int calls = 0;
   const Separation counted = [&](std::uint32_t a, std::uint32_t b) {
-    ++asked;
+    ++calls;
     return separation(a, b);
   };
   const double reach = separationOfOverlap(kOverlap) * kRadius;
@@ -86,11 +86,11 @@ TEST(StretchTree, FindsAllThatMayOverlapWithinThreeSigmaInEitherDirectionAndPass
     }
   }
   const std::size_t all = stretches.size() * (stretches.size() - 1) / 2;
-  EXPECT_LT(asked, static_cast<int>(all) / 2);
+  EXPECT_LT(calls, static_cast<int>(all) / 2);
   EXPECT_LT(found_in_all, 6 * wanted);
 }
 
-TEST(StretchTree, AWayOutAndBackWithoutFixesIsSoughtFromEndToEnd) {
+TEST(StretchTree, ATrackOutAndBackWithoutFixesIsSearchedFromEndToEnd) {
   // 500 m out and back; in the end dead reckoning is off by 10 m across and 2 m along.
   const std::vector<Footprint> footprints = lawnMower(2, 2000, 0);
   const Separation separation = drifting(0.002, 0.01);
@@ -111,8 +111,8 @@ TEST(StretchTree, AWayOutAndBackWithoutFixesIsSoughtFromEndToEnd) {
   }
 }
 
-TEST(StretchTree, LooksAtAsManyPlacesAFrameInALongDiveAsInAShortOne) {
-  const auto askedAFrame = [](int lines) {
+TEST(StretchTree, TestsAsManyPlacesAFrameInALongDiveAsInAShortOne) {
+  const auto callsAFrame = [](int lines) {
     const std::vector<Footprint> footprints = lawnMower(lines, 200, 1.0);
     // As well known anywhere as fixes make it.
     const Separation separation = [](std::uint32_t a, std::uint32_t b) -> Eigen::Matrix2d {
@@ -120,16 +120,16 @@ TEST(StretchTree, LooksAtAsManyPlacesAFrameInALongDiveAsInAShortOne) {
              Eigen::Matrix2d::Identity();
     };
     const StretchTree tree(footprints, stretchesOf(footprints, separation), kOverlap, separation);
-    int asked = 0;
+    int calls = 0;
     const Separation counted = [&](std::uint32_t a, std::uint32_t b) {
-      ++asked;
+      ++calls;
       return separation(a, b);
     };
     std::vector<StretchTree::Near> near;
     for (std::uint32_t s = 0; s < tree.stretches().size(); ++s) tree.near(s, counted, near);
-    return static_cast<double>(asked) / static_cast<double>(footprints.size());
+    return static_cast<double>(calls) / static_cast<double>(footprints.size());
   };
-  EXPECT_LT(askedAFrame(80), 1.5 * askedAFrame(20));
+  EXPECT_LT(callsAFrame(80), 1.5 * callsAFrame(20));
 }
 
 }  // namespace

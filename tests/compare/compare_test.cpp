@@ -1,4 +1,5 @@
 #include "recon/compare/compare.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gdal_priv.h>
 #include <gmock/gmock.h>
@@ -8,15 +9,15 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/compare/difference_picture.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/compare/difference.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "recon/topside/commands/compare_command.hpp"
 #include "recon/topside/report/compare_report.hpp"
-#include "tests/compare/rough_terrain.hpp"
+#include "tests/compare/synthetic_terrain.hpp"
 #include "tests/support/lattice_mesh.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -27,10 +28,9 @@ namespace {
 using test::mapOf;
 using test::roughHeight;
 
-constexpr double kRadian = std::numbers::pi / 180.0;
-const Geodetic kOrigin{-23.44 * kRadian, 151.91 * kRadian};
+const Geodetic kOrigin{-23.44 * kRadiansPerDegree, 151.91 * kRadiansPerDegree};
 
-// A dive's mesh over 16 x 12 m with a pose file that says where its origin lies.
+// A dive's mesh over 16 x 12 m with a pose file that states its origin.
 class Compare : public testing::Test {
  protected:
   // Heights(east, north), every 10 cm.
@@ -81,13 +81,13 @@ TEST_F(Compare, TakesXyzTextOfDepthsInGeographicDegrees) {
   for (int n = -48; n <= 48; ++n)
     for (int e = -60; e <= 60; ++e) {
       const Geodetic g = local.toGeodetic({0.25 * n, 0.25 * e});
-      xyz << g.longitude / kRadian << ' ' << g.latitude / kRadian << ' ' << -roughHeight(0.25 * e, 0.25 * n)
-          << '\n';
+      xyz << g.longitude / kRadiansPerDegree << ' ' << g.latitude / kRadiansPerDegree << ' '
+          << -roughHeight(0.25 * e, 0.25 * n) << '\n';
     }
   xyz.close();
   const Comparison c = compareSurfaces(options(folder_ / "multibeam.xyz", "EPSG:4326"));
   EXPECT_TRUE(c.reference_turned);
-  ASSERT_EQ(c.registration.directions_told, 2);
+  ASSERT_EQ(c.registration.directions_resolved, 2);
   EXPECT_NEAR(c.cell, 0.25, 0.02);
   EXPECT_NEAR(c.registration.offset.shift.x(), -0.55, 0.02);
   EXPECT_NEAR(c.registration.offset.shift.y(), 0.0, 0.02);
@@ -110,7 +110,7 @@ TEST_F(Compare, TakesAGeoTiffInAnotherProjectionAndWritesEveryResult) {
     }
   writeGeoTiff(map, utm, folder_ / "multibeam.tif");
   const Comparison c = compareSurfaces(options(folder_ / "multibeam.tif"));
-  ASSERT_EQ(c.registration.directions_told, 2);
+  ASSERT_EQ(c.registration.directions_resolved, 2);
   EXPECT_FALSE(c.reference_turned);
   EXPECT_NEAR(c.registration.offset.shift.x(), 0.0, 0.01);
   EXPECT_NEAR(c.registration.offset.shift.y(), 0.42, 0.01);
@@ -138,13 +138,13 @@ TEST_F(Compare, TakesAGeoTiffInAnotherProjectionAndWritesEveryResult) {
 
 TEST_F(Compare, TakesAnotherDiveWithAnotherOrigin) {
   writeDive(folder_ / "dive", kOrigin, roughHeight);
-  // The other dive's origin lies 3 m to the north and 2 m to the east; its map has an error of its own.
+  // The other dive's origin is 3 m to the north and 2 m to the east; its map has an error of its own.
   const LocalTransverseMercator local(kOrigin);
   const Geodetic there = local.toGeodetic({3.0, 2.0});
   writeDive(folder_ / "other", there,
             [](double e, double n) { return roughHeight(e + 2.0 - 0.2, n + 3.0) + 0.1; });
   const Comparison c = compareSurfaces(options(folder_ / "other"));
-  ASSERT_EQ(c.registration.directions_told, 2);
+  ASSERT_EQ(c.registration.directions_resolved, 2);
   EXPECT_NEAR(c.registration.offset.shift.x(), 0.2, 0.01);
   EXPECT_NEAR(c.registration.offset.shift.y(), 0.0, 0.01);
   EXPECT_NEAR(c.registration.offset.shift.z(), 0.1, 0.005);
@@ -161,7 +161,7 @@ TEST_F(Compare, RefusesWhatItCannotCompareInOneLine) {
   std::ofstream(folder_ / "nonsense.tif") << "II*\0nonsense";
   expectInputError(options(folder_ / "nonsense.tif"), "no raster");
   std::ofstream(folder_ / "far.xyz") << "1000 1000 -5\n1001 1000 -5\n1000 1001 -5\n1001 1001 -5\n";
-  expectInputError(options(folder_ / "far.xyz"), "lies elsewhere");
+  expectInputError(options(folder_ / "far.xyz"), "is elsewhere");
   expectInputError(options(folder_ / "far.xyz", "EPSG:nonsense"), "coordinate reference system");
   std::filesystem::create_directories(folder_ / "hollow");
   expectInputError(options(folder_ / "hollow"), "neither");

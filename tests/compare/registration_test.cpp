@@ -1,4 +1,4 @@
-#include "recon/compare/registration.hpp"
+#include "recon/compare/surface_registration.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "recon/compare/difference.hpp"
-#include "tests/compare/rough_terrain.hpp"
+#include "tests/compare/synthetic_terrain.hpp"
 
 namespace fathom::compare {
 namespace {
@@ -19,13 +19,13 @@ constexpr Box kSurvey{-10, -8, 10, 8};
 constexpr Box kReference{-18, -16, 18, 16};
 constexpr double kCell = 0.25;
 
-TEST(Registration, FindsAKnownShiftWithinItsOwnUncertainty) {
-  // The survey lies 1.37 m too far west and 0.62 m too far north of the truth, and 0.8 m too high.
+TEST(SurfaceRegistration, FindsAKnownShiftWithinItsOwnUncertainty) {
+  // The survey is 1.37 m too far west and 0.62 m too far north of the truth, and 0.8 m too high.
   const HeightMap survey = mapOf(
       kSurvey, kCell, [](double e, double n) { return roughHeight(e + 1.37, n - 0.62) + 0.8; }, 0.02, 1);
   const HeightMap reference = mapOf(kReference, kCell, roughHeight, 0.03, 2);
-  const Registration r = registerMaps(survey, reference, {});
-  ASSERT_EQ(r.directions_told, 2);
+  const SurfaceRegistration r = registerMaps(survey, reference, {});
+  ASSERT_EQ(r.directions_resolved, 2);
   const Eigen::Vector3d truth(1.37, -0.62, -0.8);
   for (int k = 0; k < 3; ++k) {
     EXPECT_NEAR(r.offset.shift[k], truth[k], 4 * r.sigma[k] + 0.002) << k;
@@ -36,15 +36,15 @@ TEST(Registration, FindsAKnownShiftWithinItsOwnUncertainty) {
   EXPECT_FALSE(r.at_limit);
 }
 
-TEST(Registration, ItsUncertaintyIsThatOfItsErrorOverManyNoises) {
+TEST(SurfaceRegistration, ItsUncertaintyIsThatOfItsErrorOverManyNoises) {
   constexpr int kRuns = 30;
   double squares = 0;
   for (std::uint64_t run = 0; run < kRuns; ++run) {
     const HeightMap survey = mapOf(
         kSurvey, 0.5, [](double e, double n) { return roughHeight(e + 0.3, n); }, 0.04, 2 * run + 10);
     const HeightMap reference = mapOf(kReference, 0.5, roughHeight, 0.04, 2 * run + 11);
-    const Registration r = registerMaps(survey, reference, {.max_shift = 2});
-    ASSERT_EQ(r.directions_told, 2);
+    const SurfaceRegistration r = registerMaps(survey, reference, {.max_shift = 2});
+    ASSERT_EQ(r.directions_resolved, 2);
     squares += std::pow((r.offset.shift.x() - 0.3) / r.sigma.x(), 2);
   }
   const double ratio = std::sqrt(squares / kRuns);
@@ -52,13 +52,13 @@ TEST(Registration, ItsUncertaintyIsThatOfItsErrorOverManyNoises) {
   EXPECT_LT(ratio, 1.6);
 }
 
-TEST(Registration, SaysThatAFlatNoisySeafloorTellsNoHorizontalOffset) {
+TEST(SurfaceRegistration, LeavesTheHorizontalOffsetOfAFlatNoisySeafloorUnresolved) {
   const auto flat = [](double, double) { return -12.0; };
   const HeightMap survey = mapOf(
       kSurvey, kCell, [](double, double) { return -11.5; }, 0.03, 3);
   const HeightMap reference = mapOf(kReference, kCell, flat, 0.03, 4);
-  const Registration r = registerMaps(survey, reference, {});
-  EXPECT_EQ(r.directions_told, 0);
+  const SurfaceRegistration r = registerMaps(survey, reference, {});
+  EXPECT_EQ(r.directions_resolved, 0);
   EXPECT_EQ(r.offset.shift.x(), 0);
   EXPECT_EQ(r.offset.shift.y(), 0);
   EXPECT_TRUE(std::isinf(r.sigma.x()));
@@ -66,7 +66,7 @@ TEST(Registration, SaysThatAFlatNoisySeafloorTellsNoHorizontalOffset) {
   EXPECT_NE(r.note.find("too flat"), std::string::npos);
 }
 
-TEST(Registration, HoldsTheOffsetAlongRipplesThatAllRunOneWay) {
+TEST(SurfaceRegistration, HoldsTheOffsetAlongParallelRipples) {
   // Crests run along bearing 30 degrees.
   const auto ripples = [](double e, double n) {
     const double across = e * std::cos(std::numbers::pi / 6) - n * std::sin(std::numbers::pi / 6);
@@ -82,38 +82,38 @@ TEST(Registration, HoldsTheOffsetAlongRipplesThatAllRunOneWay) {
       },
       0.01, 5);
   const HeightMap reference = mapOf(kReference, kCell, ripples, 0.01, 6);
-  const Registration r = registerMaps(survey, reference, {.max_shift = 3});
-  ASSERT_EQ(r.directions_told, 1);
+  const SurfaceRegistration r = registerMaps(survey, reference, {.max_shift = 3});
+  ASSERT_EQ(r.directions_resolved, 1);
   EXPECT_NEAR(r.open_bearing, std::numbers::pi / 6, 0.1);
   const Eigen::Vector2d across(std::cos(std::numbers::pi / 6), -std::sin(std::numbers::pi / 6));
   EXPECT_NEAR(r.offset.shift.head<2>().dot(across), moved, 0.02);
 }
 
-TEST(Registration, IsNotLedAstrayByATenthOfWrongHeights) {
+TEST(SurfaceRegistration, IsRobustToATenthOfWrongHeights) {
   HeightMap survey = mapOf(
       kSurvey, kCell, [](double e, double n) { return roughHeight(e - 0.9, n + 0.4); }, 0.01, 7);
   for (std::size_t i = 0; i < survey.up.size(); i += 10) survey.up[i] += 1.5F;
   const HeightMap reference = mapOf(kReference, kCell, roughHeight, 0.01, 8);
-  const Registration r = registerMaps(survey, reference, {});
-  ASSERT_EQ(r.directions_told, 2);
+  const SurfaceRegistration r = registerMaps(survey, reference, {});
+  ASSERT_EQ(r.directions_resolved, 2);
   EXPECT_NEAR(r.offset.shift.x(), -0.9, 0.01);
   EXPECT_NEAR(r.offset.shift.y(), 0.4, 0.01);
   EXPECT_NEAR(r.offset.shift.z(), 0.0, 0.01);
 }
 
-TEST(Registration, FindsATiltWhenAskedFor) {
+TEST(SurfaceRegistration, FindsATiltWhenAskedFor) {
   const HeightMap survey = mapOf(
       kSurvey, kCell, [](double e, double n) { return roughHeight(e + 0.5, n) - 0.02 * e + 0.01 * n; }, 0.01,
       9);
   const HeightMap reference = mapOf(kReference, kCell, roughHeight, 0.01, 10);
-  const Registration r = registerMaps(survey, reference, {.max_shift = 2, .tilt = true});
-  ASSERT_EQ(r.directions_told, 2);
+  const SurfaceRegistration r = registerMaps(survey, reference, {.max_shift = 2, .tilt = true});
+  ASSERT_EQ(r.directions_resolved, 2);
   EXPECT_NEAR(r.offset.tilt.x(), 0.02, 0.001);
   EXPECT_NEAR(r.offset.tilt.y(), -0.01, 0.001);
   EXPECT_NEAR(r.offset.shift.x(), 0.5, 0.02);
 }
 
-TEST(Difference, HasItsStatisticsBySlopeAndByWhatTheSurveyClaims) {
+TEST(Difference, HasItsStatisticsBySlopeAndByStatedSigma) {
   HeightMap survey = mapOf(kSurvey, kCell, roughHeight, 0.0, 0);
   survey.sigma.assign(survey.up.size(), 0.01F);
   for (int row = 0; row < survey.rows; ++row)
@@ -125,7 +125,7 @@ TEST(Difference, HasItsStatisticsBySlopeAndByWhatTheSurveyClaims) {
           static_cast<float>(static_cast<double>(survey.sigma[at]) * test::noiseAt(column, row, 11)) + 0.1F;
     }
   const HeightMap reference = mapOf(kReference, kCell, roughHeight, 0.0, 0);
-  Offset offset;
+  RegistrationOffset offset;
   offset.shift.z() = -0.1;
   const Difference d = differenceOf(survey, reference, offset);
   EXPECT_EQ(d.after.cells, survey.up.size());

@@ -5,12 +5,12 @@
 #include <random>
 #include <vector>
 
-#include "firmware_if/camera/camera_clock_map.hpp"
-#include "firmware_if/camera/camera_config.hpp"
-#include "firmware_if/camera/first_frame_wait.hpp"
-#include "firmware_if/camera/frame_id_unwrap.hpp"
-#include "firmware_if/camera/pixel_unpack.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/camera/camera_clock_map.hpp"
+#include "firmware_if/devices/camera/camera_config.hpp"
+#include "firmware_if/devices/camera/first_frame_wait.hpp"
+#include "firmware_if/devices/camera/frame_id_unwrap.hpp"
+#include "firmware_if/devices/camera/pixel_unpack.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::io {
 namespace {
@@ -70,7 +70,7 @@ TEST(PixelUnpack, TouchesNothingWhenEitherSideIsTooShort) {
   }
 }
 
-TEST(FrameIdUnwrap, GoesOnWhereSixteenBitsBeginAnewAndNamesNoZero) {
+TEST(FrameIdUnwrap, ContinuesWhereSixteenBitsWrapAndSkipsZero) {
   FrameIdUnwrap ids;
   EXPECT_EQ(ids.add(65533, 10).id, 65533u);
   EXPECT_EQ(ids.add(65534, 10).id, 65534u);
@@ -92,7 +92,7 @@ TEST(FrameIdUnwrap, CountsAcrossAWrapWhatItMissed) {
   EXPECT_EQ(step.missed, 2u);
 }
 
-TEST(FrameIdUnwrap, TakesAnImpossibleGapAsAJumpAndGoesOnByOne) {
+TEST(FrameIdUnwrap, TakesAnImpossibleGapAsAJumpAndContinuesByOne) {
   FrameIdUnwrap ids;
   (void)ids.add(100, 10);
   const auto jump = ids.add(65530, 10);
@@ -122,7 +122,7 @@ TEST(FrameIdUnwrap, TakesIdsOf64BitsAsTheyAre) {
   EXPECT_EQ(step.missed, 2u);
 }
 
-// A camera whose clock is `ppm` fast and showed `zero_ns` at kUtc.
+// A camera with a clock that is `ppm` fast and showed `zero_ns` at kUtc.
 struct DriftingClock {
   double ppm = 0;
   std::int64_t zero_ns = 0;
@@ -175,7 +175,7 @@ TEST(CameraClockMap, FollowsTheLeastDelayOfArrivalsWithoutReadings) {
   }
 }
 
-TEST(CameraClockMap, BeginsAnewWhenTheClockDoes) {
+TEST(CameraClockMap, RestartsWhenTheClockDoes) {
   for (const bool readings : {false, true}) {
     CameraClockMap map;
     const auto frame = [&](std::int64_t device, std::int64_t t) {
@@ -218,7 +218,7 @@ TEST(CameraClockMap, KeepsItsReadingsThroughFramesThatComeSecondsLate) {
   EXPECT_TRUE(map.settled());
 }
 
-TEST(CameraClockMap, TrustsNoTimeAfterAnImpossibleArrivalUntilTheNextReading) {
+TEST(CameraClockMap, IsUnsettledAfterAnImpossibleArrivalUntilTheNextReading) {
   CameraClockMap map;
   map.addReading(kS, kUtc, 100'000);
   (void)map.utcNs(kS + kS / 2, kUtc + kS / 2);
@@ -320,10 +320,10 @@ TEST(FirstFrameWait, ACameraThatNeverBeginsIsOpenedAgainAtGrowingIntervals) {
   wait.frameCame();
   EXPECT_FALSE(wait.overdue(now + 1000 * kS));
   wait.opened(now);
-  EXPECT_TRUE(wait.overdue(now + 5 * kS + 1)) << "begins anew after a frame";
+  EXPECT_TRUE(wait.overdue(now + 5 * kS + 1)) << "starts again after a frame";
 }
 
-TEST(CameraConfig, TakesFormatsAndRateFromTheMissionWhenItIsNotTold) {
+TEST(CameraConfig, TakesFormatsAndRateFromTheMissionWhenTheyAreNotGiven) {
   const StereoCameraConfig none = configOf("");
   EXPECT_FALSE(none.used());
   const StereoCameraConfig config = configOf("[cameras]\nleft = \"A1\"\nright = \"B2\"\n");

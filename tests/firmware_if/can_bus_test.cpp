@@ -1,4 +1,4 @@
-// What lies between the CAN socket and the samples, without an interface; tests/uml has the real one.
+// From the CAN socket to the samples, without an interface; tests/uml has the real one.
 #include <gtest/gtest.h>
 #include <linux/can/error.h>
 
@@ -7,44 +7,43 @@
 #include <fstream>
 #include <vector>
 
-#include "firmware_if/can/bus/can_config.hpp"
-#include "firmware_if/can/bus/can_errors.hpp"
-#include "firmware_if/can/bus/can_source.hpp"
-#include "firmware_if/can/can_command.hpp"
-#include "firmware_if/can/raw_can.hpp"
-#include "firmware_if/devices/receive_time.hpp"
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/log_messages.hpp"
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/can/bus/can_source.hpp"
+#include "firmware_if/devices/can/bus/socket_can.hpp"
+#include "firmware_if/devices/can/raw_can.hpp"
+#include "firmware_if/devices/capture_commands.hpp"
+#include "firmware_if/devices/vehicle_time.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/log_messages.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {
 namespace {
 
-constexpr std::int64_t kMilli = 1'000'000;
-constexpr std::int64_t kSecond = 1'000 * kMilli;
-constexpr std::int64_t kVehicle = 1'700'000'000 * kSecond;  // vehicle time
-constexpr std::int64_t kSystem = kVehicle + 37 * kSecond;   // the system's clock, off by 37 s
+constexpr std::int64_t kVehicle = 1'700'000'000 * kSecond_ns;  // vehicle time
+constexpr std::int64_t kSystem = kVehicle + 37 * kSecond_ns;   // the system's clock, off by 37 s
 
 TEST(ReceiveTime, AFrameIsAsOldAsItsStampSays) {
   ReceiveTime time;
   time.drained(kSystem, kVehicle);
-  EXPECT_EQ(time.toVehicle(kSystem + 20 * kMilli, kSystem + 80 * kMilli, kVehicle + 80 * kMilli),
-            kVehicle + 20 * kMilli);
+  EXPECT_EQ(time.toVehicle(kSystem + 20 * kMillisecond_ns, kSystem + 80 * kMillisecond_ns,
+                           kVehicle + 80 * kMillisecond_ns),
+            kVehicle + 20 * kMillisecond_ns);
   EXPECT_EQ(time.clockSteps(), 0U);
 }
 
 TEST(ReceiveTime, AFrameOfBeforeAStepIsReadByTheClockThatStampedIt) {
-  for (const std::int64_t step : {3600 * kSecond, -3600 * kSecond, 5 * kSecond}) {
+  for (const std::int64_t step : {3600 * kSecond_ns, -3600 * kSecond_ns, 5 * kSecond_ns}) {
     ReceiveTime time;
     time.drained(kSystem, kVehicle);
-    const std::int64_t now = 80 * kMilli;
-    EXPECT_EQ(time.toVehicle(kSystem + 20 * kMilli, kSystem + step + now, kVehicle + now),
-              kVehicle + 20 * kMilli);
+    const std::int64_t now = 80 * kMillisecond_ns;
+    EXPECT_EQ(time.toVehicle(kSystem + 20 * kMillisecond_ns, kSystem + step + now, kVehicle + now),
+              kVehicle + 20 * kMillisecond_ns);
     // And one that came after it, in the same queue.
-    EXPECT_EQ(time.toVehicle(kSystem + step + 70 * kMilli, kSystem + step + now, kVehicle + now),
-              kVehicle + 70 * kMilli);
+    EXPECT_EQ(time.toVehicle(kSystem + step + 70 * kMillisecond_ns, kSystem + step + now, kVehicle + now),
+              kVehicle + 70 * kMillisecond_ns);
     time.drained(kSystem + step + now, kVehicle + now);
     EXPECT_EQ(time.clockSteps(), 1U);
     time.drained(kSystem + step + 2 * now, kVehicle + 2 * now);
@@ -55,15 +54,17 @@ TEST(ReceiveTime, AFrameOfBeforeAStepIsReadByTheClockThatStampedIt) {
 TEST(ReceiveTime, AStampWithoutSenseIsThePresent) {
   ReceiveTime time;
   time.drained(kSystem, kVehicle);
-  EXPECT_EQ(time.toVehicle(0, kSystem + kMilli, kVehicle + kMilli), kVehicle + kMilli);
-  EXPECT_EQ(time.toVehicle(kSystem + 9 * kSecond, kSystem + kMilli, kVehicle + kMilli), kVehicle + kMilli);
+  EXPECT_EQ(time.toVehicle(0, kSystem + kMillisecond_ns, kVehicle + kMillisecond_ns),
+            kVehicle + kMillisecond_ns);
+  EXPECT_EQ(time.toVehicle(kSystem + 9 * kSecond_ns, kSystem + kMillisecond_ns, kVehicle + kMillisecond_ns),
+            kVehicle + kMillisecond_ns);
 }
 
 TEST(ReceiveTime, AClockThatIsSlewedDoesNotStep) {
   ReceiveTime time;
   // 0.5 ms a second, as adjtime does, looked at every 10 s.
   for (int i = 0; i < 100; ++i)
-    time.drained(kSystem + i * (10 * kSecond + 5 * kMilli), kVehicle + i * 10 * kSecond);
+    time.drained(kSystem + i * (10 * kSecond_ns + 5 * kMillisecond_ns), kVehicle + i * 10 * kSecond_ns);
   EXPECT_EQ(time.clockSteps(), 0U);
 }
 
@@ -294,7 +295,7 @@ TEST(CanSource, WithoutAnInterfaceItWaitsAndSaysSo) {
   CanSource source(config, clock);
   const std::int64_t before = clock.monotonicNs();
   EXPECT_FALSE(source.poll(20, sink));
-  EXPECT_GE(clock.monotonicNs() - before, 19 * kMilli);
+  EXPECT_GE(clock.monotonicNs() - before, 19 * kMillisecond_ns);
   EXPECT_FALSE(source.health().open);
   for (const char* name : {"", "can 0", "an-interface-with-a-long-name", "a/b"}) {
     config.interface = name;

@@ -8,9 +8,10 @@
 #include <set>
 #include <sstream>
 
-#include "firmware_if/can/can_text.hpp"
-#include "firmware_if/can/n2k_decoder.hpp"
-#include "firmware_if/can/n2k_definitions.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
+#include "firmware_if/devices/can/n2k_definitions.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/support/program_run.hpp"
 
 namespace fathom::io {
@@ -33,9 +34,8 @@ struct CanboatField {
   double scale = 1;
   double rounding = 1e-9;
 };
-constexpr double kDegree = M_PI / 180;
 constexpr CanboatField degrees(const char* name) {
-  return {name, kDegree, 0.05};
+  return {name, kRadiansPerDegree, 0.05};
 }
 
 // All fields of the decoders that can occur in the capture; a name that is not here fails the test.
@@ -51,7 +51,7 @@ const std::map<int, std::map<std::string, CanboatField>>& canboatNames() {
         {"deviation_rad", degrees("Deviation")},
         {"variation_rad", degrees("Variation")},
         {"reference", {"Reference"}}}},
-      {127251, {{"sid", {"SID"}}, {"rate_of_turn_radps", {"Rate", kDegree, 0.5e-6}}}},
+      {127251, {{"sid", {"SID"}}, {"rate_of_turn_radps", {"Rate", kRadiansPerDegree, 0.5e-6}}}},
       {127257,
        {{"sid", {"SID"}},
         {"yaw_rad", degrees("Yaw")},
@@ -196,7 +196,7 @@ TEST(CanCapture, TheGnssPositionAgreesWithCanboats) {
     if (row.id.pgn == 127251) {
       ASSERT_TRUE(decodeN2kPayload(row.id.pgn, row.bytes, message));
       EXPECT_FALSE(message.number("sid"));
-      EXPECT_NEAR(*message.number("rate_of_turn_radps") / kDegree, -0.029649, 0.5e-6);
+      EXPECT_NEAR(*message.number("rate_of_turn_radps") / kRadiansPerDegree, -0.029649, 0.5e-6);
     }
     if (row.id.pgn == 126992) {
       ASSERT_TRUE(decodeN2kPayload(row.id.pgn, row.bytes, message));
@@ -247,7 +247,7 @@ TEST(CanCapture, FastPacketsAreRecombinedAsCanboatRecombinesThem) {
     if (words >> stamp >> priority >> source >> destination >> pgn && pgn != 130311) expected.insert(pgn);
   }
   // One packet of the file sends a frame ahead of its frame 0, which canboat takes. A CAN controller never
-  // does that, and to take it would let frames of a packet whose frame 0 was lost mix with the next.
+  // does that; taking it would mix frames of a packet that lost its frame 0 with the next.
   expected.erase(expected.find(129029));
   std::multiset<std::uint32_t> got;
   for (const auto& [pgn, bytes] : packets) {

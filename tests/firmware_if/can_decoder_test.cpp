@@ -5,8 +5,8 @@
 #include <cmath>
 #include <vector>
 
-#include "firmware_if/can/can_command.hpp"
-#include "firmware_if/can/n2k_definitions.hpp"
+#include "firmware_if/devices/can/n2k_definitions.hpp"
+#include "firmware_if/devices/capture_commands.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::io {

@@ -1,16 +1,16 @@
-#include "firmware_if/can/send/can_sender.hpp"
+#include "firmware_if/devices/can/send/can_sender.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <numbers>
 #include <set>
 #include <vector>
 
-#include "firmware_if/can/candump.hpp"
-#include "firmware_if/can/n2k_decoder.hpp"
-#include "firmware_if/can/send/n2k_encoder.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
+#include "firmware_if/devices/can/send/n2k_encoder.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::io {
@@ -20,9 +20,7 @@ using ::testing::Contains;
 using ::testing::ElementsAre;
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kStart_ns = 1'700'000'000 * kSecond_ns;
-constexpr double kDegree = std::numbers::pi / 180;
 
 Bytes littleEndian(std::uint64_t value, std::size_t size) {
   Bytes out(size);
@@ -33,7 +31,8 @@ Bytes littleEndian(std::uint64_t value, std::size_t size) {
   return out;
 }
 
-CanFrame frameOf(std::uint32_t pgn, std::uint8_t source, std::uint8_t destination, const Bytes& bytes) {
+CanFrame addressedFrame(std::uint32_t pgn, std::uint8_t source, std::uint8_t destination,
+                        const Bytes& bytes) {
   CanFrame frame;
   frame.id = makeN2kId({6, pgn, source, destination});
   frame.size = static_cast<std::uint8_t>(bytes.size());
@@ -63,8 +62,8 @@ class CanSenderTest : public ::testing::Test {
   VehicleReport report() const {
     VehicleReport out;
     out.utc_ns = now_ns_;
-    out.latitude = -33.8568 * kDegree;
-    out.longitude = 151.2153 * kDegree;
+    out.latitude = -33.8568 * kRadiansPerDegree;
+    out.longitude = 151.2153 * kRadiansPerDegree;
     out.sigma_horizontal = 0.35;
     out.depth = 12.345;
     out.altitude = 2.04;
@@ -206,12 +205,12 @@ TEST_F(CanSenderTest, OnlyWhatTellsEverLeaves) {
   std::set<std::uint32_t> sent;
   for (std::uint32_t pgn = 0; pgn < 0x20000; pgn += pgn < 59000 || pgn > 61000 ? 97 : 1) {
     Bytes asked = littleEndian(pgn, 3);
-    sender.receive(frameOf(kRequestPgn, 7, pgn % 2 == 0 ? 120 : kEveryone, asked), now_ns_);
+    sender.receive(addressedFrame(kRequestPgn, 7, pgn % 2 == 0 ? 120 : kEveryone, asked), now_ns_);
     sender.publish(report());
     for (const CanFrame& frame : run(sender, 0.02)) sent.insert(parseN2kId(frame.id).pgn);
   }
   for (const std::uint32_t pgn : {126464U, 126996U}) {
-    sender.receive(frameOf(kRequestPgn, 7, 120, littleEndian(pgn, 3)), now_ns_);
+    sender.receive(addressedFrame(kRequestPgn, 7, 120, littleEndian(pgn, 3)), now_ns_);
     for (const CanFrame& frame : run(sender, 1)) sent.insert(parseN2kId(frame.id).pgn);
   }
   sent.erase(config.status_pgn);
@@ -224,7 +223,7 @@ TEST_F(CanSenderTest, ProductInformationIsSentWhenAskedFor) {
   CanSender sender(config);
   claimAddress(sender);
   run(sender, 1);
-  sender.receive(frameOf(kRequestPgn, 7, kEveryone, littleEndian(126996, 3)), now_ns_);
+  sender.receive(addressedFrame(kRequestPgn, 7, kEveryone, littleEndian(126996, 3)), now_ns_);
   FastPacketAssembler assembler;
   Bytes product;
   for (const CanFrame& frame : run(sender, 1)) {
@@ -241,10 +240,10 @@ TEST_F(CanSenderTest, ARequestThatCannotBeMetIsRefusedOnlyWhenItIsForUs) {
   CanSender sender({});
   claimAddress(sender);
   run(sender, 1);
-  sender.receive(frameOf(kRequestPgn, 7, kEveryone, littleEndian(126998, 3)), now_ns_);
-  sender.receive(frameOf(kRequestPgn, 7, 121, littleEndian(126998, 3)), now_ns_);
+  sender.receive(addressedFrame(kRequestPgn, 7, kEveryone, littleEndian(126998, 3)), now_ns_);
+  sender.receive(addressedFrame(kRequestPgn, 7, 121, littleEndian(126998, 3)), now_ns_);
   EXPECT_EQ(run(sender, 0.1).size(), 0U);
-  sender.receive(frameOf(kRequestPgn, 7, 120, littleEndian(126998, 3)), now_ns_);
+  sender.receive(addressedFrame(kRequestPgn, 7, 120, littleEndian(126998, 3)), now_ns_);
   const auto frames = run(sender, 0.1);
   ASSERT_EQ(frames.size(), 1U);
   EXPECT_EQ(frames[0].id, makeN2kId({6, 59392, 120, 7}));
@@ -270,15 +269,15 @@ TEST_F(CanSenderTest, ALowerNameTakesTheAddressAndAHigherOneDoesNot) {
   claimAddress(sender);
   sender.publish(report());
   run(sender, 0.1);
-  // A higher NAME: the claim is said again, and sending goes on.
-  sender.receive(frameOf(kAddressClaimPgn, 120, kEveryone, littleEndian(~0ULL, 8)), now_ns_);
+  // A higher NAME: the claim is sent again, and sending continues.
+  sender.receive(addressedFrame(kAddressClaimPgn, 120, kEveryone, littleEndian(~0ULL, 8)), now_ns_);
   auto frames = run(sender, 0.05);
   ASSERT_GE(frames.size(), 1U);
   EXPECT_EQ(frames[0].id, 0x18EEFF78U);
   EXPECT_EQ(sender.claim().lost(), 0U);
   // Somebody at the next address; then a lower NAME claims ours: the one after that is claimed.
-  sender.receive(frameOf(126993, 121, kEveryone, Bytes(8)), now_ns_);
-  sender.receive(frameOf(kAddressClaimPgn, 120, kEveryone, littleEndian(5, 8)), now_ns_);
+  sender.receive(addressedFrame(126993, 121, kEveryone, Bytes(8)), now_ns_);
+  sender.receive(addressedFrame(kAddressClaimPgn, 120, kEveryone, littleEndian(5, 8)), now_ns_);
   frames = run(sender, 0.24);
   ASSERT_EQ(frames.size(), 1U);
   EXPECT_EQ(frames[0].id, 0x18EEFF7AU);
@@ -289,13 +288,13 @@ TEST_F(CanSenderTest, ALowerNameTakesTheAddressAndAHigherOneDoesNot) {
   for (const CanFrame& frame : frames) EXPECT_EQ(parseN2kId(frame.id).source, 122);
 }
 
-TEST_F(CanSenderTest, WhoFindsNoAddressSaysSoAndIsSilent) {
+TEST_F(CanSenderTest, ADeviceWithoutAnAddressSaysSoAndIsSilent) {
   CanSender sender({});
   claimAddress(sender);
   std::size_t claims = 0;
   // A bus that takes every address from us.
   for (int i = 0; i < 300; ++i) {
-    sender.receive(frameOf(kAddressClaimPgn, sender.claim().address(), kEveryone, littleEndian(1, 8)),
+    sender.receive(addressedFrame(kAddressClaimPgn, sender.claim().address(), kEveryone, littleEndian(1, 8)),
                    now_ns_);
     for (const CanFrame& frame : run(sender, 0.02))
       claims += parseN2kId(frame.id).pgn == kAddressClaimPgn ? 1U : 0U;
@@ -304,7 +303,7 @@ TEST_F(CanSenderTest, WhoFindsNoAddressSaysSoAndIsSilent) {
   EXPECT_LE(claims, 253U);
   sender.publish(report());
   EXPECT_EQ(run(sender, 2).size(), 0U);
-  sender.receive(frameOf(kRequestPgn, 7, kEveryone, littleEndian(kAddressClaimPgn, 3)), now_ns_);
+  sender.receive(addressedFrame(kRequestPgn, 7, kEveryone, littleEndian(kAddressClaimPgn, 3)), now_ns_);
   const auto frames = run(sender, 1);
   ASSERT_EQ(frames.size(), 1U);
   EXPECT_EQ(frames[0].id, 0x18EEFFFEU);
@@ -319,7 +318,7 @@ TEST_F(CanSenderTest, TheRateIsBounded) {
   std::size_t count = 0;
   for (int i = 0; i < 100; ++i) {
     sender.publish(report());
-    sender.receive(frameOf(kRequestPgn, 7, 120, littleEndian(126996, 3)), now_ns_);
+    sender.receive(addressedFrame(kRequestPgn, 7, 120, littleEndian(126996, 3)), now_ns_);
     count += run(sender, 0.1).size();
   }
   EXPECT_LE(count, 20U * 10 + 41);
@@ -348,7 +347,7 @@ TEST_F(CanSenderTest, FramesThatTheBusDoesNotTakeGrowOldAndAreDropped) {
 TEST_F(CanSenderTest, TakesNoMemory) {
   CanSender sender({});
   claimAddress(sender);
-  const CanFrame request = frameOf(kRequestPgn, 7, 120, littleEndian(126996, 3));
+  const CanFrame request = addressedFrame(kRequestPgn, 7, 120, littleEndian(126996, 3));
   const VehicleReport now = report();
   const auto before = rt::threadCost();
   for (int i = 0; i < 1000; ++i, now_ns_ += kSecond_ns / 100) {

@@ -1,5 +1,5 @@
 // Text captures line by line, in every form.
-#include "firmware_if/can/can_text.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/can/candump.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
 
 namespace fathom::io {
 namespace {
@@ -41,7 +41,7 @@ TEST(Candump, ATimeThatIsMissingOrNotInSecondsIsAbsent) {
   EXPECT_EQ(frame.utc_ns, 352'000'000);
 }
 
-TEST(Candump, WhatIsNoExtendedDataFrameIsToldFromWhatIsBroken) {
+TEST(Candump, WhatIsNoExtendedDataFrameIsOtherAndNotBroken) {
   CanFrame frame;
   for (const char* other : {"(1.0) can0 123#0102", "(1.0) can0 09F112CC#R", "(1.0) can0 09F112CC##311223344",
                             "(1.0) can0 20000004#0000000000000000", "can0  123  [2]  01 02",
@@ -64,14 +64,14 @@ TEST(Candump, TheReaderTakesLinesCutAnywhereAndALastOneWithoutItsEnd) {
                            std::string(5000, 'x') + "\n(3.0) can0 09F112CC#03";
   for (const std::size_t piece : {1U, 3U, 10000U}) {
     CanTextReader reader;
-    Bytes seen;
-    const auto take = [&](const CanFrame& frame) { seen.push_back(frame.data[0]); };
+    Bytes read;
+    const auto take = [&](const CanFrame& frame) { read.push_back(frame.data[0]); };
     for (std::size_t at = 0; at < text.size(); at += piece) {
       const std::string part = text.substr(at, piece);
       reader.feed({reinterpret_cast<const std::uint8_t*>(part.data()), part.size()}, take);
     }
     reader.drain(take);
-    EXPECT_EQ(seen, (Bytes{1, 2, 3}));
+    EXPECT_EQ(read, (Bytes{1, 2, 3}));
     EXPECT_EQ(reader.counts().broken, 2U);
   }
 }
@@ -82,7 +82,7 @@ struct TextParts {
   std::vector<std::optional<std::int64_t>> times;
   CanTextReader::Counts counts;
 };
-TextParts read(const std::string& text) {
+TextParts readText(const std::string& text) {
   TextParts out;
   CanTextReader reader;
   const auto part = [&](const char* kind, const N2kId& id, const auto& holder) {
@@ -102,7 +102,7 @@ TextParts read(const std::string& text) {
 
 TEST(CanText, TheFormsOfGatewaysGiveWhatCandumpGives) {
   const std::string heading = "frame 127250 204 255 2 255 114 90 255 127 255 127 253";
-  const TextParts all = read(
+  const TextParts all = readText(
       "(1708146949.768) can0 09F112CC#FF725AFF7FFF7FFD\n"
       "2024-02-17T05:15:49.768Z,2,127250,204,255,8,ff,72,5a,ff,7f,ff,7f,fd\r\n"
       "2024-02-17-05:15:49.768,2,127250,204,255,8,FF,72,5A,FF,7F,FF,7F,FD\n"
@@ -120,7 +120,7 @@ TEST(CanText, TheFormsOfGatewaysGiveWhatCandumpGives) {
 }
 
 TEST(CanText, AddressedMessagesKeepTheirDestination) {
-  const TextParts all = read(
+  const TextParts all = readText(
       "2024-02-17T05:15:49Z,6,59904,172,204,3,14,f0,01\n"
       "05:15:49.768 R 18EACCAC 14 F0 01\n"
       "A051549.768 ACCC6 0EA00 14F001\n");
@@ -132,7 +132,7 @@ TEST(CanText, AddressedMessagesKeepTheirDestination) {
 TEST(CanText, CanboatsLinesAreWholeMessagesOnceOneIsTooLongForAFrame) {
   const std::string eight = "2024-02-17T05:15:49Z,6,130820,1,255,8,e5,98,0b,00,00,00,00,00\n";
   const std::string nine = "2024-02-17T05:15:49Z,6,130820,1,255,9,e5,98,0b,00,00,00,00,00,00\n";
-  const TextParts all = read(eight + nine + eight);
+  const TextParts all = readText(eight + nine + eight);
   ASSERT_EQ(all.parts.size(), 3U);
   EXPECT_TRUE(all.parts[0].starts_with("frame 130820"));
   EXPECT_TRUE(all.parts[1].starts_with("whole 130820"));
@@ -147,7 +147,7 @@ TEST(CanText, TheLongestMessageOfEachFormIsReadAndALongerOneIsBroken) {
       canboat += ",a5";
       actisense += "A5";
     }
-    const TextParts all = read(canboat + "\n" + actisense);
+    const TextParts all = readText(canboat + "\n" + actisense);
     EXPECT_EQ(all.counts.packets, size == 223 ? 2U : 0U);
     EXPECT_EQ(all.counts.broken, size == 223 ? 0U : 2U);
   }
@@ -174,19 +174,19 @@ TEST(CanText, WhatIsNoneOfTheFormsIsBrokenAndAGatewaysOwnGroupIsOther) {
                              "A051549.768 1CCFF2 1F112 FF",
                              "A051549.768 ",
                              "2024-02-17 can0 09F112CC"}) {
-    const TextParts all = read(broken);
+    const TextParts all = readText(broken);
     EXPECT_EQ(all.counts.broken, 1U) << broken;
     EXPECT_TRUE(all.parts.empty()) << broken;
   }
   for (const char* other : {"2024-02-17T05:15:49.768Z,0,262386,0,255,2,01,02", "05:15:49.768 R 29F112CC FF",
                             "A051549.768 00FF0 400F2 0102"})
-    EXPECT_EQ(read(other).counts.other, 1U) << other;
+    EXPECT_EQ(readText(other).counts.other, 1U) << other;
 }
 
 TEST(CanText, AMomentThatDoesNotExistIsAbsent) {
   for (const char* moment : {"2024-02-30T05:15:49Z", "2024-02-17T25:15:49Z", "2024-02-17",
                              "2024-02-17T05:15:49.Z", "2024-02-17T05:15:49+01:00", "9999-02-17T05:15:49Z"}) {
-    const TextParts all = read(std::string(moment) + ",2,127250,204,255,1,ff");
+    const TextParts all = readText(std::string(moment) + ",2,127250,204,255,1,ff");
     ASSERT_EQ(all.parts.size(), 1U) << moment;
     EXPECT_FALSE(all.times[0]) << moment;
   }

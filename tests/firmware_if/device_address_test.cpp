@@ -4,10 +4,10 @@
 #include <gmock/gmock.h>
 #include <sys/socket.h>
 
-#include "firmware_if/devices/file_stream.hpp"
-#include "firmware_if/devices/udp_stream.hpp"
-#include "firmware_if/modem/modem_ports.hpp"
-#include "firmware_if/serial/serial_line.hpp"
+#include "firmware_if/devices/byte_stream.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
+#include "firmware_if/devices/serial/serial_line.hpp"
+#include "firmware_if/devices/udp_socket.hpp"
 #include "tests/support/pty_line.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"

@@ -1,4 +1,5 @@
 #include "firmware_if/devices/device_clock.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,25 +9,24 @@
 namespace fathom::io {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr std::int64_t kStart = 1'700'000'000 * kSecond;  // vehicle time
+constexpr std::int64_t kFirstStamp_ns = 1'700'000'000 * kSecond_ns;  // vehicle time
 
 std::int64_t ns(double seconds) {
   return std::llround(seconds * 1e9);
 }
 
-// A device whose clock is `offset_s` off and drifts, seven messages a second; they arrive late by a least
-// delay and noise that only ever adds.
+// A device with a clock that is `offset_s` off and drifts, seven messages a second; they arrive late by a
+// least delay and noise that only ever adds.
 struct Device {
   double offset_s = -3600, ppm = 0, latency_s = 0.05, noise_s = 0.03;
   std::mt19937 random{7};
   std::int64_t stamp(double t) const {
-    // As a DVL tells it: hundredths of a second, cut.
-    const std::int64_t exact = kStart + ns(t * (1 + ppm * 1e-6) + offset_s);
-    return exact - exact % (kSecond / 100);
+    // As a DVL sends it: hundredths of a second, cut.
+    const std::int64_t exact = kFirstStamp_ns + ns(t * (1 + ppm * 1e-6) + offset_s);
+    return exact - exact % (kSecond_ns / 100);
   }
   std::int64_t arrival(double t) {
-    return kStart + ns(t + latency_s + std::exponential_distribution<double>(1 / noise_s)(random));
+    return kFirstStamp_ns + ns(t + latency_s + std::exponential_distribution<double>(1 / noise_s)(random));
   }
 };
 
@@ -43,7 +43,7 @@ TEST(DeviceClock, OffsetAndDriftOfAQuartzAreFollowedForHours) {
       const std::int64_t utc = clock.vehicleNs(device.stamp(t), arrival);
       EXPECT_LE(utc, arrival);
       if (t < 60) continue;
-      const double error = static_cast<double>(utc - kStart) / 1e9 - t;
+      const double error = static_cast<double>(utc - kFirstStamp_ns) / 1e9 - t;
       sum += error;
       ++count;
       worst = std::max(worst, std::abs(error));
@@ -62,7 +62,7 @@ TEST(DeviceClock, OffsetAndDriftOfAQuartzAreFollowedForHours) {
   }
 }
 
-TEST(DeviceClock, AClockThatIsSetAnewIsNoticedEitherWay) {
+TEST(DeviceClock, AStepOfTheClockIsNoticedInBothDirections) {
   for (const double leap : {-37.0, -2.0, 0.5, 37.0}) {
     Device device;
     DeviceClock clock({.latency_s = device.latency_s, .resolution_s = 0.01});
@@ -71,7 +71,8 @@ TEST(DeviceClock, AClockThatIsSetAnewIsNoticedEitherWay) {
     device.offset_s += leap;
     for (int i = 0; t < 120; t += 1 / 7.0, ++i) {
       const std::int64_t arrival = device.arrival(t);
-      const double utc = static_cast<double>(clock.vehicleNs(device.stamp(t), arrival) - kStart) / 1e9;
+      const double utc =
+          static_cast<double>(clock.vehicleNs(device.stamp(t), arrival) - kFirstStamp_ns) / 1e9;
       // Stamped by arrival for a moment, then by the clock again; never by the wrong time.
       EXPECT_LE(std::abs(utc - t), i < 40 ? 0.26 : 0.02) << "leap " << leap << ", message " << i;
     }
@@ -88,7 +89,7 @@ TEST(DeviceClock, AMessageThatWasHeldUpMovesNothing) {
     std::int64_t arrival = device.arrival(t);
     const bool held_up = i % 50 == 49;
     if (held_up) arrival += ns(0.2 + 0.02 * (i % 7));
-    const double utc = static_cast<double>(clock.vehicleNs(device.stamp(t), arrival) - kStart) / 1e9;
+    const double utc = static_cast<double>(clock.vehicleNs(device.stamp(t), arrival) - kFirstStamp_ns) / 1e9;
     if (i > 20 && !held_up) {
       EXPECT_NEAR(utc, t, 0.015);
     }

@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "firmware_if/dvl/pd0_decoder.hpp"
+#include "firmware_if/devices/dvl/pd0_decoder.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/support/heap_counter.hpp"
 

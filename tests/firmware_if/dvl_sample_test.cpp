@@ -4,8 +4,9 @@
 #include <fstream>
 #include <iterator>
 
-#include "firmware_if/dvl/dvl_sample.hpp"
-#include "firmware_if/dvl/pd0_decoder.hpp"
+#include "firmware_if/devices/dvl/dvl_sample.hpp"
+#include "firmware_if/devices/dvl/pd0_decoder.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/support/test_data.hpp"
 
@@ -32,7 +33,7 @@ TEST(DvlSample, ShipVelocityBecomesTheVehiclesOwnInForwardStarboardDown) {
   EXPECT_TRUE(sample->velocity->isApprox(Eigen::Vector3d(1.5, 0.1, 0.2), 1e-12));
 }
 
-TEST(DvlSample, BeamVelocitiesGiveTheSameAsTheVelocityTheyWereMadeFrom) {
+TEST(DvlSample, BeamVelocitiesGiveTheVelocityThatTheyAreProjectionsOf) {
   // Each beam sees the bottom's velocity along itself, positive towards the transducer; beams 1 port, 2
   // starboard, 3 forward, 4 aft, 30 degrees from straight down.
   const Eigen::Vector3d own(1.4, -0.3, 0.25);  // forward, starboard, down
@@ -68,8 +69,8 @@ TEST(DvlSample, AltitudeOverAFlatBottomIsExactAtAnyTilt) {
       Pd0Ensemble ensemble = ensembleIn(Pd0Frame::kShip, {0, 0, 0, 0});
       ensemble.pitch_deg = pitch;
       ensemble.roll_deg = roll;
-      const double r = roll * M_PI / 180;
-      const double p = std::atan(std::tan(pitch * M_PI / 180) * std::cos(r));
+      const double r = degreesToRadians(roll);
+      const double p = std::atan(std::tan(degreesToRadians(pitch)) * std::cos(r));
       const Eigen::Vector3d down(-std::sin(p), std::cos(p) * std::sin(r), std::cos(p) * std::cos(r));
       const double s = std::sin(M_PI / 6);
       const double c = std::cos(M_PI / 6);
@@ -112,7 +113,7 @@ TEST(DvlSample, OnARealDiveTheVelocityExplainsTheChangeOfAltitude) {
   double forward = 0;
   int pairs = 0;
   const auto downRate = [](const Pd0Ensemble& ensemble, const DvlSample& sample) {
-    const double pitch = *ensemble.pitch_deg * M_PI / 180;
+    const double pitch = degreesToRadians(*ensemble.pitch_deg);
     return sample.velocity->z() * std::cos(pitch) - sample.velocity->x() * std::sin(pitch);
   };
   decoder.feed(bytes, [&](const Pd0Ensemble& ensemble) {

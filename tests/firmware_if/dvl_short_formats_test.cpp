@@ -2,22 +2,23 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
-#include <numbers>
 #include <random>
 #include <string>
 
-#include "firmware_if/dvl/dvl_sample.hpp"
-#include "firmware_if/dvl/dvl_source.hpp"
-#include "firmware_if/dvl/pd45_decoder.hpp"
-#include "firmware_if/dvl/pd6_decoder.hpp"
-#include "firmware_if/files/civil_time.hpp"
+#include "firmware_if/devices/dvl/dvl_sample.hpp"
+#include "firmware_if/devices/dvl/dvl_source.hpp"
+#include "firmware_if/devices/dvl/pd45_decoder.hpp"
+#include "firmware_if/devices/dvl/pd6_decoder.hpp"
+#include "realtime/base/bytes/byte_order.hpp"
+#include "realtime/base/civil_time.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 
 namespace fathom::io {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
-constexpr std::int64_t kSecond = 1'000'000'000, kDay = 86'400 * kSecond;
+constexpr std::int64_t kDay = 86'400 * kSecond_ns;
 constexpr std::int64_t kMidnight = 19'700 * kDay;
 
 struct Pd45Builder {
@@ -33,8 +34,7 @@ struct Pd45Builder {
   [[nodiscard]] Bytes bytes() const {
     Bytes b(pd5 ? 88 : 47);
     const auto put = [&](std::size_t byte, std::uint16_t value) {  // bytes count from 1, as in the guide
-      b[byte - 1] = static_cast<std::uint8_t>(value);
-      b[byte] = static_cast<std::uint8_t>(value >> 8);
+      writeLittleEndian(std::span(b).subspan(byte - 1, 2), value);
     };
     b[0] = 0x7D;
     b[1] = pd5 ? 1 : 0;
@@ -92,7 +92,7 @@ TEST(Pd45, FieldsStandWhereTheGuideHasThem) {
     EXPECT_EQ(e.velocity[3], 0.003);
     EXPECT_EQ(e.range[0], 2.0);
     EXPECT_EQ(e.range[3], 2.3);
-    EXPECT_EQ(e.time_of_day_ns, ((11 * 60 + 56) * 60 + 36) * kSecond + 440'000'000);
+    EXPECT_EQ(e.time_of_day_ns, ((11 * 60 + 56) * 60 + 36) * kSecond_ns + 440'000'000);
     EXPECT_EQ(e.sound_speed, 1524);
     EXPECT_EQ(e.temperature_c, 21);
     EXPECT_EQ(e.pitch_deg.has_value(), pd5);
@@ -141,11 +141,11 @@ TEST(Pd45, EarthVelocityIsTurnedBackByPd5sAttitudeAndAbsentInPd4) {
 
 TEST(Pd45, TheDayIsTheOneNearest) {
   Pd45Ensemble e;
-  e.time_of_day_ns = 23 * 3600 * kSecond + 3599 * kSecond;  // a second before midnight
-  EXPECT_EQ(toPd0(e, kMidnight + kSecond).utc_ns, kMidnight - kSecond);
-  EXPECT_EQ(toPd0(e, kMidnight - 2 * kSecond).utc_ns, kMidnight - kSecond);
-  e.time_of_day_ns = kSecond;
-  EXPECT_EQ(toPd0(e, kMidnight - kSecond).utc_ns, kMidnight + kSecond);
+  e.time_of_day_ns = 23 * 3600 * kSecond_ns + 3599 * kSecond_ns;  // a second before midnight
+  EXPECT_EQ(toPd0(e, kMidnight + kSecond_ns).utc_ns, kMidnight - kSecond_ns);
+  EXPECT_EQ(toPd0(e, kMidnight - 2 * kSecond_ns).utc_ns, kMidnight - kSecond_ns);
+  e.time_of_day_ns = kSecond_ns;
+  EXPECT_EQ(toPd0(e, kMidnight - kSecond_ns).utc_ns, kMidnight + kSecond_ns);
   e.time_of_day_ns.reset();
   EXPECT_FALSE(toPd0(e, kMidnight).utc_ns);
 }
@@ -310,7 +310,7 @@ struct Count final : SampleSink {
   std::size_t samples = 0, raw_bytes = 0;
 };
 
-TEST(DvlSource, TheFormatIsRecognisedByItsFirstEnsembleAndAnewAfterASilence) {
+TEST(DvlSource, TheFormatIsRecognisedByItsFirstEnsembleAndAgainAfterASilence) {
   using Format = DvlConfig::Format;
   Pd45Builder pd4, pd5;
   pd5.pd5 = true;
@@ -329,13 +329,13 @@ TEST(DvlSource, TheFormatIsRecognisedByItsFirstEnsembleAndAnewAfterASilence) {
     EXPECT_EQ(sink.samples, 2u);
     EXPECT_EQ(sink.raw_bytes, 2 * bytes.size());
     EXPECT_TRUE(sink.last.velocity);
-    now += 100 * kSecond;
+    now += 100 * kSecond_ns;
     source.poll(0, sink);
     EXPECT_EQ(source.format(), Format::kAuto);
   }
 }
 
-TEST(DvlSource, AConfiguredFormatHearsNothingElse) {
+TEST(DvlSource, AConfiguredFormatReadsNothingElse) {
   const Bytes text(kPd6.begin(), kPd6.end());
   DvlConfig config;
   config.format = DvlConfig::Format::kPd0;

@@ -1,4 +1,4 @@
-#include "firmware_if/dvl/dvl_source.hpp"
+#include "firmware_if/devices/dvl/dvl_source.hpp"
 
 #include <gmock/gmock.h>
 
@@ -7,7 +7,8 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/files/civil_time.hpp"
+#include "realtime/base/civil_time.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/pty_line.hpp"
@@ -21,8 +22,7 @@ using test::refusal;
 using ::testing::HasSubstr;
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr std::int64_t kStart = 1'700'000'000 * kSecond;
+constexpr std::int64_t kFirstPing_ns = 1'700'000'000 * kSecond_ns;
 
 // Keeps what a source gives; takes no memory while there is room.
 struct Kept final : SampleSink {
@@ -58,7 +58,7 @@ Bytes ensembleAt(std::int64_t utc_ns, std::uint32_t number = 1) {
 
 // Bytes that a test says, at times that it says.
 struct Script {
-  std::int64_t now = kStart;
+  std::int64_t now = kFirstPing_ns;
   std::deque<Bytes> reads;
   bool open = true;
 };
@@ -88,10 +88,10 @@ TEST(DvlSource, StampsAreTheInstrumentsClockInVehicleTime) {
   Kept kept;
   std::mt19937 random(3);
   for (int i = 0; i < 400; ++i) {
-    const std::int64_t ping = kStart + i * kSecond / 7;
-    script.now = ping + kSecond / 10 + static_cast<std::int64_t>(random() % 30'000'000);
+    const std::int64_t ping = kFirstPing_ns + i * kSecond_ns / 7;
+    script.now = ping + kSecond_ns / 10 + static_cast<std::int64_t>(random() % 30'000'000);
     // Its clock is 90 s fast.
-    script.reads.push_back(ensembleAt(ping + 90 * kSecond));
+    script.reads.push_back(ensembleAt(ping + 90 * kSecond_ns));
     EXPECT_TRUE(source.poll(0, kept));
     ASSERT_EQ(kept.samples.size(), static_cast<std::size_t>(i) + 1);
     EXPECT_EQ(kept.arrivals.back(), script.now);
@@ -107,18 +107,18 @@ TEST(DvlSource, ByArrivalTheFirstByteCountsLessTheLatency) {
   Script script;
   DvlSource source = scripted(script, {.device = {}, .clock = DvlConfig::Clock::kArrival, .latency_s = 0.25});
   Kept kept;
-  Bytes bytes = ensembleAt(kStart);
+  Bytes bytes = ensembleAt(kFirstPing_ns);
   const Bytes garbage(100, 0x55);
   script.reads.push_back(garbage);
   source.poll(0, kept);
-  script.now = kStart + 2 * kSecond;
+  script.now = kFirstPing_ns + 2 * kSecond_ns;
   script.reads.push_back(Bytes(bytes.begin(), bytes.begin() + 40));
   source.poll(0, kept);
-  script.now += kSecond / 20;
+  script.now += kSecond_ns / 20;
   script.reads.push_back(Bytes(bytes.begin() + 40, bytes.end()));
   source.poll(0, kept);
   ASSERT_EQ(kept.samples.size(), 1u);
-  EXPECT_EQ(kept.samples[0].utc_ns, kStart + 2 * kSecond - kSecond / 4);
+  EXPECT_EQ(kept.samples[0].utc_ns, kFirstPing_ns + 2 * kSecond_ns - kSecond_ns / 4);
   EXPECT_EQ(kept.arrivals[0], script.now);
   EXPECT_EQ(kept.raw_bytes, bytes.size());
   EXPECT_EQ(counter(source, "skipped_bytes"), garbage.size());
@@ -150,7 +150,7 @@ TEST(DvlSource, SilenceIsCountedOnceAndDamageByItsKind) {
   DvlSource source = scripted(script, {.device = {}, .silence_s = 2});
   Kept kept;
   for (int i = 0; i < 100; ++i) {
-    script.now += kSecond / 10;
+    script.now += kSecond_ns / 10;
     source.poll(0, kept);
   }
   EXPECT_EQ(counter(source, "silences"), 1u);
@@ -162,17 +162,17 @@ TEST(DvlSource, SilenceIsCountedOnceAndDamageByItsKind) {
   EXPECT_EQ(kept.samples.size(), 1u);
   EXPECT_EQ(counter(source, "bad_checksum"), 1u);
   EXPECT_EQ(source.health().last_data_ns, script.now);
-  script.now += 3 * kSecond;
+  script.now += 3 * kSecond_ns;
   source.poll(0, kept);
   EXPECT_EQ(counter(source, "silences"), 2u);
 }
 
 TEST(DvlSource, TakesNoMemoryOnceItHasRun) {
   test::PtyLine line;
-  DvlSource source({.device = "serial:" + line.name() + ":115200"}, [] { return kStart; });
+  DvlSource source({.device = "serial:" + line.name() + ":115200"}, [] { return kFirstPing_ns; });
   Kept kept;
   DeviceHealth health = source.health();
-  const Bytes bytes = ensembleAt(kStart);
+  const Bytes bytes = ensembleAt(kFirstPing_ns);
   line.send(bytes);
   source.poll(1000, kept);
   const auto before = test::threadCost();
@@ -205,7 +205,7 @@ TEST(DvlSource, ALineAtItsRealRateWithGarbageAndAPulledCableLosesOnlyWhatWasDama
   std::size_t sent = 0;
   for (int i = 0; i < 8; ++i) {
     if (i % 3 == 1) line.send(garbage(400));
-    const Bytes bytes = ensembleAt(kStart + i * kSecond / 8, static_cast<std::uint32_t>(i));
+    const Bytes bytes = ensembleAt(kFirstPing_ns + i * kSecond_ns / 8, static_cast<std::uint32_t>(i));
     if (i == 4) {
       line.send({bytes.data(), bytes.size() / 2});
       pause();
@@ -220,12 +220,12 @@ TEST(DvlSource, ALineAtItsRealRateWithGarbageAndAPulledCableLosesOnlyWhatWasDama
   }
   // Noise that looks like a header can hold the decoder up until its length has come.
   for (int i = 0; kept.samples.size() < sent && i < 20; ++i) {
-    line.send(ensembleAt(kStart + 2 * kSecond, 100));
+    line.send(ensembleAt(kFirstPing_ns + 2 * kSecond_ns, 100));
     ++sent;
     source.poll(100, kept);
   }
   EXPECT_EQ(kept.samples.size(), sent);
-  const Bytes half = ensembleAt(kStart);
+  const Bytes half = ensembleAt(kFirstPing_ns);
   line.send({half.data(), 50});
   source.poll(100, kept);
   line.unplug();
@@ -233,7 +233,7 @@ TEST(DvlSource, ALineAtItsRealRateWithGarbageAndAPulledCableLosesOnlyWhatWasDama
   EXPECT_EQ(source.health().disconnects, 1u);
   EXPECT_FALSE(source.health().open);
   line.plug();
-  line.send(ensembleAt(kStart));
+  line.send(ensembleAt(kFirstPing_ns));
   for (int i = 0; i < 40 && kept.samples.size() == sent; ++i) source.poll(100, kept);
   EXPECT_EQ(kept.samples.size(), sent + 1) << "opened again within a second";
   EXPECT_TRUE(source.health().open);
@@ -241,7 +241,8 @@ TEST(DvlSource, ALineAtItsRealRateWithGarbageAndAPulledCableLosesOnlyWhatWasDama
 
 TEST(DvlSource, ARealDiveComesThroughAFileAsThroughTheDecoder) {
   FATHOM_REQUIRE_DATA("dvl/adcp.adc");
-  DvlSource source({.device = "file:" + test::dataFile("dvl/adcp.adc").string()}, [] { return kStart; });
+  DvlSource source({.device = "file:" + test::dataFile("dvl/adcp.adc").string()},
+                   [] { return kFirstPing_ns; });
   Kept kept;
   while (source.poll(0, kept)) {
   }
@@ -274,7 +275,7 @@ TEST(DvlConfig, KeysAreReadAndNonsenseIsRefused) {
               HasSubstr("9601 baud is not one of 300"));
   EXPECT_THAT(refusal([&] { read("[dvl]\nformat = 'pd3'"); }), HasSubstr("format"));
   EXPECT_THAT(refusal([&] { read("[dvl]\nbaud = 9600"); }), HasSubstr("baud"));
-  EXPECT_THAT(refusal([] { DvlSource({.device = "file:/absent.pd0"}, [] { return kStart; }); }),
+  EXPECT_THAT(refusal([] { DvlSource({.device = "file:/absent.pd0"}, [] { return kFirstPing_ns; }); }),
               HasSubstr("/absent.pd0"));
 }
 

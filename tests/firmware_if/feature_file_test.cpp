@@ -1,4 +1,4 @@
-#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/mission/feature_file.hpp"
 
 #include <gmock/gmock.h>
 
@@ -45,7 +45,7 @@ std::string refusalOf(std::vector<std::uint8_t> bytes) {
   return line;
 }
 
-// Corrects the CRC of changed bytes, so that what lies behind it is tested.
+// Corrects the CRC of changed bytes, so that the checks behind it are tested.
 std::vector<std::uint8_t> sealed(std::vector<std::uint8_t> bytes) {
   std::uint32_t crc = 0xFFFFFFFFU;
   for (std::size_t i = 0; i + 4 < bytes.size(); ++i) {

@@ -3,9 +3,9 @@
 
 #include <vector>
 
-#include "firmware_if/camera/camera_discovery.hpp"
-#include "firmware_if/camera/gige_camera.hpp"
-#include "realtime/kernel/clock.hpp"
+#include "firmware_if/devices/camera/camera_discovery.hpp"
+#include "firmware_if/devices/camera/gige_camera.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/network_namespace.hpp"
 
@@ -77,7 +77,7 @@ TEST(GigeCamera, StreamsWholeFramesFromAravisOwnCamera) {
   EXPECT_TRUE(health.open);
   for (const auto& [name, value] : health.counters) {
     if (name == "open_failed") continue;
-    // Its clock cannot be read: five arrivals tell it.
+    // Its clock cannot be read: it is estimated from five arrivals.
     EXPECT_EQ(value, name == "clock_unsettled" ? 4u : 0u) << name;
   }
 }

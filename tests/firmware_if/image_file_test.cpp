@@ -1,4 +1,4 @@
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 
 #include <gmock/gmock.h>
 
@@ -6,7 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 
-#include "firmware_if/files/civil_time.hpp"
+#include "realtime/base/civil_time.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 

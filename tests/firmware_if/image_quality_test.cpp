@@ -1,17 +1,17 @@
-// Sharpness and light of one image, as the table before the launch tells them.
+// Sharpness and light of one image, as the check before the launch measures them.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-#include "tests/firmware_if/made_picture.hpp"
+#include "tests/firmware_if/synthetic_picture.hpp"
 
 namespace fathom::io {
 namespace {
 
 using test::kHeight;
 using test::kWidth;
-using test::picture;
+using test::syntheticPicture;
 using test::viewOf;
 
 TEST(ImageQuality, EdgesWidenWithBlurWhateverTheContrast) {
@@ -19,7 +19,7 @@ TEST(ImageQuality, EdgesWidenWithBlurWhateverTheContrast) {
     double before = 0;
     for (const double blur : {0.0, 1.0, 2.0, 3.0}) {
       if (light < 1 && blur > 2) continue;  // drowned in noise
-      const ImageQuality quality = measureImage(viewOf(picture(blur, light)));
+      const ImageQuality quality = measureImage(viewOf(syntheticPicture(blur, light)));
       ASSERT_GE(quality.edges, ImageQuality::kFewestEdges) << blur;
       EXPECT_GT(quality.edge_width_px, before);
       EXPECT_NEAR(quality.edge_width_px, std::max(2.0, std::sqrt(2 * std::numbers::pi) * blur), 1.5)
@@ -38,7 +38,7 @@ TEST(ImageQuality, NoiseAloneHasNoEdges) {
   EXPECT_EQ(measureImage({}).edges, 0);
 }
 
-TEST(ImageQuality, LightIsToldInSharesOfFullScale) {
+TEST(ImageQuality, LightIsInSharesOfFullScale) {
   std::vector<std::uint16_t> words(static_cast<std::size_t>(kWidth) * kHeight, 2048);
   std::fill(words.begin(), words.begin() + static_cast<std::ptrdiff_t>(words.size() / 4), 4095);
   std::fill(words.end() - static_cast<std::ptrdiff_t>(words.size() / 4), words.end(), 10);

@@ -7,9 +7,10 @@
 #include <cstdlib>
 #include <thread>
 
-#include "firmware_if/lcm_bus/health_report.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "firmware_if/log/checked_message.hpp"
+#include "firmware_if/devices/lcm/health_report.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
+#include "firmware_if/mission/log/checked_message.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
@@ -18,8 +19,7 @@ namespace {
 using test::refusal;
 using ::testing::HasSubstr;
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr std::int64_t kNow = 1'700'000'000 * kSecond;
+constexpr std::int64_t kNow = 1'700'000'000 * kSecond_ns;
 
 struct Kept final : SampleSink {
   void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept override {
@@ -63,15 +63,16 @@ TEST_F(LcmSourceTest, EveryKindOfSampleComesThroughWhole) {
   BatterySample battery;
   battery.utc_ns = kNow - 2;
   battery.voltage = 26.5;
-  const std::vector<SensorSample> sent = {dvl,
-                                          AttitudeSample{kNow - 3, 0.1, 0.2, 0.3, false},
-                                          DepthSample{kNow - 4, 21.5},
-                                          UsblFix{kNow - 20 * kSecond, kNow - kSecond, -0.6, 2.0, 20, 1.5},
-                                          GpsFix{kNow - 6, -0.6, 2.0, 3},
-                                          WaterSample{kNow - 7, {}, 14.5, {}, {}, {}, {}},
-                                          battery,
-                                          MissionProgressSample{kNow - 8, 0.25},
-                                          GyroSample{kNow - 9, Eigen::Vector3d(0, 0.01, 0.2), {}}};
+  const std::vector<SensorSample> sent = {
+      dvl,
+      AttitudeSample{kNow - 3, 0.1, 0.2, 0.3, false},
+      DepthSample{kNow - 4, 21.5},
+      UsblFix{kNow - 20 * kSecond_ns, kNow - kSecond_ns, -0.6, 2.0, 20, 1.5},
+      GpsFix{kNow - 6, -0.6, 2.0, 3},
+      WaterSample{kNow - 7, {}, 14.5, {}, {}, {}, {}},
+      battery,
+      MissionProgressSample{kNow - 8, 0.25},
+      GyroSample{kNow - 9, Eigen::Vector3d(0, 0.01, 0.2), {}}};
   for (const SensorSample& sample : sent) ASSERT_TRUE(bus->publish(encodeSample(kNow - 100, sample)));
   drain(source);
   ASSERT_EQ(kept.samples.size(), sent.size());
@@ -81,7 +82,7 @@ TEST_F(LcmSourceTest, EveryKindOfSampleComesThroughWhole) {
   EXPECT_EQ(*got.velocity, *dvl.velocity);
   EXPECT_EQ(got.range, dvl.range);
   const auto& fix = std::get<UsblFix>(kept.samples[3]);
-  EXPECT_EQ(fix.utc_ns, kNow - 20 * kSecond);
+  EXPECT_EQ(fix.utc_ns, kNow - 20 * kSecond_ns);
   EXPECT_EQ(fix.arrival_utc_ns, kNow) << "the vehicle learns it now";
   EXPECT_EQ(*std::get<BatterySample>(kept.samples[6]).voltage, 26.5);
   EXPECT_EQ(counter(source, "progress"), 1u);
@@ -90,9 +91,9 @@ TEST_F(LcmSourceTest, EveryKindOfSampleComesThroughWhole) {
 
 TEST_F(LcmSourceTest, AcfrMessagesAreTakenUntilFathomsOwnCome) {
   LcmSource source(everything(), bus, "sirius", [] { return kNow; });
-  const AttitudeSample compass{kNow - kSecond, 0.1, 0.2, 0.3, true};
-  const DepthSample depth{kNow - kSecond, 12};
-  const UsblFix fix{kNow - 30 * kSecond, 0, 0.5, 1.0, 10, 2};
+  const AttitudeSample compass{kNow - kSecond_ns, 0.1, 0.2, 0.3, true};
+  const DepthSample depth{kNow - kSecond_ns, 12};
+  const UsblFix fix{kNow - 30 * kSecond_ns, 0, 0.5, 1.0, 10, 2};
   for (const SensorSample& sample : {SensorSample(compass), SensorSample(depth), SensorSample(fix)})
     bus->publish(*encodeAcfrTwin(sample, "sirius"));
   bus->publish(*encodeAcfrTwin(fix, "nereus"));
@@ -108,7 +109,7 @@ TEST_F(LcmSourceTest, AcfrMessagesAreTakenUntilFathomsOwnCome) {
   EXPECT_EQ(counter(source, "twins_left_out"), 1u);
 }
 
-TEST_F(LcmSourceTest, OnlyWhatIsAcceptedIsHeard) {
+TEST_F(LcmSourceTest, OnlyAcceptedSamplesAreTaken) {
   LcmConfig config;
   config.accept[SensorSample(DepthSample{}).index()] = true;
   LcmSource source(config, bus, "sirius", [] { return kNow; });
@@ -130,8 +131,8 @@ TEST_F(LcmSourceTest, DamagedImpossibleAndStaleMessagesAreCountedAndGoNoFurther)
   bus->publish(*encodeAcfrTwin(AttitudeSample{kNow, 1e9, 0, 0, true}, "sirius"));
   bus->publish(encodeSample(kNow, GyroSample{kNow, Eigen::Vector3d(0, 0, 11), {}}));
   bus->publish(encodeSample(kNow, GyroSample{kNow, {}, {}}));
-  bus->publish(encodeSample(kNow, DepthSample{kNow - 11 * kSecond, 3}));
-  bus->publish(encodeSample(kNow, DepthSample{kNow + 11 * kSecond, 3}));
+  bus->publish(encodeSample(kNow, DepthSample{kNow - 11 * kSecond_ns, 3}));
+  bus->publish(encodeSample(kNow, DepthSample{kNow + 11 * kSecond_ns, 3}));
   drain(source);
   EXPECT_TRUE(kept.samples.empty());
   EXPECT_EQ(counter(source, "bad"), 7u);
@@ -140,7 +141,7 @@ TEST_F(LcmSourceTest, DamagedImpossibleAndStaleMessagesAreCountedAndGoNoFurther)
 
 // Vehicle time is an hour ahead of the system's clock, by which another program stamps.
 TEST_F(LcmSourceTest, StampsBySystemsUtcBecomeVehicleTimeWhereTheyDiffer) {
-  constexpr std::int64_t kAhead = 3600 * kSecond;
+  constexpr std::int64_t kAhead = 3600 * kSecond_ns;
   for (const bool synchronised : {true, false}) {
     kept.samples.clear();
     auto own_bus = std::make_shared<LcmBus>("memq://");
@@ -149,12 +150,12 @@ TEST_F(LcmSourceTest, StampsBySystemsUtcBecomeVehicleTimeWhereTheyDiffer) {
         [synchronised] {
           return rt::ClockState{synchronised, kAhead};
         });
-    own_bus->publish(encodeSample(kNow, DepthSample{kNow - kAhead - kSecond, 3}));
-    own_bus->publish(encodeSample(kNow, UsblFix{kNow - kAhead - 60 * kSecond, kNow, -0.6, 2.0, 20, 1.5}));
+    own_bus->publish(encodeSample(kNow, DepthSample{kNow - kAhead - kSecond_ns, 3}));
+    own_bus->publish(encodeSample(kNow, UsblFix{kNow - kAhead - 60 * kSecond_ns, kNow, -0.6, 2.0, 20, 1.5}));
     drain(source);
     ASSERT_EQ(kept.samples.size(), 2u) << synchronised;
-    EXPECT_EQ(std::get<DepthSample>(kept.samples[0]).utc_ns, kNow - kSecond);
-    EXPECT_EQ(std::get<UsblFix>(kept.samples[1]).utc_ns, kNow - 60 * kSecond);
+    EXPECT_EQ(std::get<DepthSample>(kept.samples[0]).utc_ns, kNow - kSecond_ns);
+    EXPECT_EQ(std::get<UsblFix>(kept.samples[1]).utc_ns, kNow - 60 * kSecond_ns);
     EXPECT_EQ(std::get<UsblFix>(kept.samples[1]).arrival_utc_ns, kNow);
     EXPECT_EQ(counter(source, "stale"), 0u);
   }
@@ -165,14 +166,14 @@ TEST_F(LcmSourceTest, AStampOfAnotherMachineIsTakenAsItIsOnlyWhileOwnUtcIsNotKno
   LcmSource source(
       everything(), bus, "sirius", [] { return kNow; },
       [&] {
-        return rt::ClockState{synchronised, 3600 * kSecond};
+        return rt::ClockState{synchronised, 3600 * kSecond_ns};
       });
-  bus->publish(encodeSample(kNow, DepthSample{kNow - kSecond, 3}));
+  bus->publish(encodeSample(kNow, DepthSample{kNow - kSecond_ns, 3}));
   drain(source);
   ASSERT_EQ(kept.samples.size(), 1u);
-  EXPECT_EQ(std::get<DepthSample>(kept.samples[0]).utc_ns, kNow - kSecond);
+  EXPECT_EQ(std::get<DepthSample>(kept.samples[0]).utc_ns, kNow - kSecond_ns);
   synchronised = true;
-  bus->publish(encodeSample(kNow, DepthSample{kNow - kSecond, 3}));
+  bus->publish(encodeSample(kNow, DepthSample{kNow - kSecond_ns, 3}));
   drain(source);
   EXPECT_EQ(kept.samples.size(), 1u);
   EXPECT_EQ(counter(source, "stale"), 1u);
@@ -212,7 +213,7 @@ TEST(LcmUdp, ASampleCrossesBetweenTwoConnectionsOfOneMachine) {
   EXPECT_EQ(publisher.published(), 3u);
 }
 
-// On a thread with a network of its own, whose only interface is down: no bus can be joined, until it is up.
+// On a thread with a network of its own, with its only interface down: no bus can be joined until it is up.
 TEST(LcmUdp, ABusThatCannotBeJoinedYetIsJoinedWhenTheNetworkIsThere) {
   bool own_network = false;
   std::thread([&] {
@@ -275,7 +276,7 @@ TEST(LcmConfig, PosesMayBeLeftOutByARateOfZero) {
     EXPECT_THAT(refusal([&] { (void)rate(wrong); }), HasSubstr("publish_hz")) << wrong;
 }
 
-// As other programs read it: by the decoder that lcm-gen made.
+// As other programs read it: by the decoder of lcm-gen.
 
 }  // namespace
 }  // namespace fathom::io

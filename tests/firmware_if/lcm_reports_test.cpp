@@ -1,20 +1,22 @@
 #include <gtest/gtest.h>
 
+#include <bit>
 #include <fathom/health_t.hpp>
 #include <fathom/link_t.hpp>
 #include <fathom/map_t.hpp>
 #include <fathom/pose_t.hpp>
 
-#include "firmware_if/lcm_bus/health_report.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "firmware_if/log/checked_message.hpp"
+#include "firmware_if/devices/lcm/health_report.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
+#include "firmware_if/mission/log/checked_message.hpp"
+#include "realtime/base/bytes/byte_order.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::io {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr std::int64_t kNow = 1'700'000'000 * kSecond;
+constexpr std::int64_t kReport_ns = 1'700'000'000 * kSecond_ns;
 
 template <class Message>
 Message received(const LogMessage& message) {
@@ -26,7 +28,7 @@ Message received(const LogMessage& message) {
 
 HealthReport sampleHealth() {
   HealthReport health;
-  health.utc_ns = kNow;
+  health.utc_ns = kReport_ns;
   health.soft = true;
   health.degradation = 2;
   health.uptime_s = 3600.5;
@@ -44,21 +46,21 @@ HealthReport sampleHealth() {
 TEST(HealthReport, StandsInItsMessage) {
   const LogMessage message = encodeHealth(sampleHealth());
   EXPECT_EQ(message.channel, "FATHOM_HEALTH");
-  const auto told = received<health_t>(message);
-  EXPECT_EQ(told.utc_ns, kNow);
-  EXPECT_TRUE(told.soft);
-  EXPECT_EQ(told.degradation, 2);
-  EXPECT_FALSE(told.has_system[0]);
-  EXPECT_TRUE(told.has_system[1]);
-  EXPECT_EQ(told.system[1], 61.5);
-  ASSERT_EQ(told.stages.size(), 2u);
-  EXPECT_EQ(told.stages[0].name, "stereo");
-  EXPECT_EQ(told.stages[0].max_ms, 55);
-  EXPECT_EQ(told.fills.at(0).high_water, 17);
-  EXPECT_EQ(told.drops.at(0).value, 7);
-  ASSERT_EQ(told.devices.size(), 2u);
-  EXPECT_EQ(told.devices[0].silent, 0.25);
-  EXPECT_FALSE(told.devices[1].has_data);
+  const auto decoded = received<health_t>(message);
+  EXPECT_EQ(decoded.utc_ns, kReport_ns);
+  EXPECT_TRUE(decoded.soft);
+  EXPECT_EQ(decoded.degradation, 2);
+  EXPECT_FALSE(decoded.has_system[0]);
+  EXPECT_TRUE(decoded.has_system[1]);
+  EXPECT_EQ(decoded.system[1], 61.5);
+  ASSERT_EQ(decoded.stages.size(), 2u);
+  EXPECT_EQ(decoded.stages[0].name, "stereo");
+  EXPECT_EQ(decoded.stages[0].max_ms, 55);
+  EXPECT_EQ(decoded.fills.at(0).high_water, 17);
+  EXPECT_EQ(decoded.drops.at(0).value, 7);
+  ASSERT_EQ(decoded.devices.size(), 2u);
+  EXPECT_EQ(decoded.devices[0].silent, 0.25);
+  EXPECT_FALSE(decoded.devices[1].has_data);
 }
 
 TEST(HealthReport, FillingTakesNoMemoryAndStopsWhenFull) {
@@ -75,7 +77,7 @@ TEST(HealthReport, FillingTakesNoMemoryAndStopsWhenFull) {
 
 TEST(PoseReport, BothMessagesSayTheSamePlace) {
   PoseReport pose;
-  pose.utc_ns = kNow;
+  pose.utc_ns = kReport_ns;
   pose.latitude = -0.6;
   pose.longitude = 2.0;
   pose.position = {10, 20, 30};
@@ -84,22 +86,18 @@ TEST(PoseReport, BothMessagesSayTheSamePlace) {
                   Eigen::AngleAxisd(-0.1, Eigen::Vector3d::UnitX());
   pose.velocity = {0.5, 0.1, -0.05};
   pose.altitude = 2.5;
-  const auto told = received<pose_t>(encodePose(pose));
-  const double* q = told.attitude;
+  const auto decoded = received<pose_t>(encodePose(pose));
+  const double* q = decoded.attitude;
   EXPECT_TRUE(Eigen::Quaterniond(q[0], q[1], q[2], q[3]).isApprox(pose.attitude));
-  EXPECT_EQ(Eigen::Vector3d(told.position), pose.position);
-  EXPECT_EQ(told.altitude, 2.5);
-  EXPECT_FALSE(told.has_sigma);
+  EXPECT_EQ(Eigen::Vector3d(decoded.position), pose.position);
+  EXPECT_EQ(decoded.altitude, 2.5);
+  EXPECT_FALSE(decoded.has_sigma);
   const LogMessage acfr = encodeAcfrNav(pose, "sirius");
   EXPECT_EQ(acfr.channel, "sirius.ACFR_NAV");
   // Fingerprint, utime and 16 doubles, big endian.
   ASSERT_EQ(acfr.data.size(), 8u + 8 + 16 * 8);
   const auto number = [&](std::size_t field) {
-    std::uint64_t bits = 0;
-    for (std::size_t i = 0; i < 8; ++i) bits = bits << 8 | acfr.data[16 + 8 * field + i];
-    double value = 0;
-    std::memcpy(&value, &bits, 8);
-    return value;
+    return std::bit_cast<double>(bigEndianAt<std::uint64_t>(acfr.data, 16 + 8 * field));
   };
   EXPECT_NEAR(number(0), -34.377468, 1e-6);
   EXPECT_EQ(number(4), 30);
@@ -113,22 +111,22 @@ TEST(LinkAndMapReport, StandInTheirMessages) {
   LinkReport link;
   link.open = true;
   link.frames_sent = 12;
-  link.share_told = 0.5;
+  link.share_on_ship = 0.5;
   link.counts.add({"resent", 3});
-  const auto link_told = received<link_t>(encodeLink(link));
-  EXPECT_TRUE(link_told.open);
-  EXPECT_FALSE(link_told.heard);
-  EXPECT_EQ(link_told.frames_sent, 12);
-  EXPECT_EQ(link_told.share_told, 0.5);
-  EXPECT_EQ(link_told.counts.at(0).name, "resent");
+  const auto decoded_link = received<link_t>(encodeLink(link));
+  EXPECT_TRUE(decoded_link.open);
+  EXPECT_FALSE(decoded_link.heard);
+  EXPECT_EQ(decoded_link.frames_sent, 12);
+  EXPECT_EQ(decoded_link.share_told, 0.5);
+  EXPECT_EQ(decoded_link.counts.at(0).name, "resent");
   MapReport map;
   map.pairs = 100;
   map.area_m2 = 12.5;
   map.counts.add({"pairs_dropped", 3});
-  const auto map_told = received<map_t>(encodeMap(map));
-  EXPECT_EQ(map_told.pairs, 100);
-  EXPECT_EQ(map_told.area, 12.5);
-  EXPECT_EQ(map_told.counts.at(0).value, 3);
+  const auto decoded_map = received<map_t>(encodeMap(map));
+  EXPECT_EQ(decoded_map.pairs, 100);
+  EXPECT_EQ(decoded_map.area, 12.5);
+  EXPECT_EQ(decoded_map.counts.at(0).value, 3);
 }
 
 }  // namespace

@@ -1,7 +1,8 @@
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/mission/mission.hpp"
 
 #include <gmock/gmock.h>
 
+#include "firmware_if/mission/sensor_log.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -88,7 +89,7 @@ TEST_F(MissionTest, WhatWasReadIsWrittenBackToTheByte) {
   EXPECT_EQ(readText(path_), first);
 }
 
-TEST_F(MissionTest, ASlipInTheFileIsRefusedWithItsLineAndKey) {
+TEST_F(MissionTest, AMistakeInTheFileIsRefusedWithItsLineAndKey) {
   const std::string good = readText(path_);
   EXPECT_THAT(refusalOf(replaced(good, "tide_model", "tidemodel")),
               AllOf(HasSubstr("line"), HasSubstr("'tidemodel'")));
@@ -140,6 +141,68 @@ TEST_F(MissionTest, TheRawAuvIsFoundIfThereIsOne) {
   EXPECT_EQ(paths.rawAuv(), folder_.path() / "r1.RAW.auv");
   writeText(folder_.path() / "r2.RAW.auv", "x");
   EXPECT_THAT(refusal([&] { (void)paths.rawAuv(); }), HasSubstr("leave one"));
+}
+
+constexpr std::int64_t kFolderStart_ns = 1'700'000'000'000'000'000;
+
+MissionConfig simpleMission() {
+  MissionConfig mission;
+  mission.origin = {-0.49, 2.01};
+  mission.start_utc_ns = kFolderStart_ns;
+  return mission;
+}
+
+TEST(MissionFolder, TheRawAuvIsNamedByVehicleAndStartAndHoldsTheLogsSamples) {
+  const test::TemporaryFolder parent;
+  const auto folder = parent.path() / "dive";
+  prepareMissionFolder(folder, simpleMission(), {});
+  {
+    SensorLogWriter log(MissionPaths(folder).log());
+    log.write(kFolderStart_ns + 5, DepthSample{kFolderStart_ns, 3.0});
+  }
+  deriveRawAuv(folder);
+  const auto raw_auv = MissionPaths(folder).rawAuv();
+  ASSERT_TRUE(raw_auv);
+  EXPECT_EQ(raw_auv->filename(), "sirius_20231114_221320.RAW.auv");
+  EXPECT_THAT(readText(*raw_auv), HasSubstr("PAROSCI: 1700000000.000000000 3\n"));
+}
+
+TEST(MissionFolder, AFolderThatIsNoMissionIsLeftAlone) {
+  const test::TemporaryFolder parent;
+  const auto prepare = [&](const char* name) {
+    return refusal([&] { prepareMissionFolder(parent.path() / name, simpleMission(), {}); });
+  };
+  writeText(parent.path() / "dive/img/holiday.tif", "keep");
+  EXPECT_THAT(prepare("dive"), HasSubstr("holds no mission.toml"));
+  EXPECT_EQ(readText(parent.path() / "dive/img/holiday.tif"), "keep");
+  writeText(parent.path() / "file", "x");
+  EXPECT_THAT(prepare("file/dive"), HasSubstr("cannot be made"));
+}
+
+TEST(MissionFolder, AHalfConfigurationThatAnEarlierTryLeftIsNoOtherThing) {
+  const test::TemporaryFolder parent;
+  writeText(parent.path() / "dive/mission.toml.tmp", "half");
+  prepareMissionFolder(parent.path() / "dive", simpleMission(), {});
+  EXPECT_EQ(readMissionConfig(parent.path() / "dive").start_utc_ns, kFolderStart_ns);
+  EXPECT_FALSE(std::filesystem::exists(parent.path() / "dive/mission.toml.tmp"));
+}
+
+TEST(MissionFolder, TheRawAuvThatIsGivenUpLeavesNoFile) {
+  const test::TemporaryFolder parent;
+  const auto folder = parent.path() / "dive";
+  prepareMissionFolder(folder, simpleMission(), {});
+  {
+    SensorLogWriter log(MissionPaths(folder).log());
+    for (int i = 0; i < 1000; ++i) log.write(kFolderStart_ns + i, DepthSample{kFolderStart_ns + i, 3.0});
+  }
+  int asked = 0;
+  EXPECT_FALSE(deriveRawAuv(folder, [&] { return ++asked < 3; }));
+  EXPECT_EQ(asked, 3);
+  EXPECT_FALSE(MissionPaths(folder).rawAuv());
+  for (const auto& file : std::filesystem::directory_iterator(folder))
+    EXPECT_THAT(file.path().filename().string(), ::testing::Not(HasSubstr("RAW.auv")));
+  EXPECT_TRUE(deriveRawAuv(folder, [] { return true; }));
+  EXPECT_TRUE(MissionPaths(folder).rawAuv());
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "firmware_if/modem/modem_ports.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
 
 #include <gmock/gmock.h>
 #include <netinet/in.h>
@@ -8,7 +8,6 @@
 
 #include <random>
 
-#include "firmware_if/modem/waiting_frame_port.hpp"
 #include "tests/support/pty_line.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -113,20 +112,20 @@ TEST(UdpFramePort, FramesArriveWholeAndNothingElse) {
   EXPECT_EQ(receiver.droppedFrames(), 0u);
 }
 
-TEST(UdpFramePort, APortWithoutAPeerAnswersWhoseFrameWasTrueLast) {
+TEST(UdpFramePort, APortWithoutAPeerAnswersTheSenderOfTheLastValidFrame) {
   UdpFramePort ship("127.0.0.1", 0, "", 0);
-  EXPECT_FALSE(ship.send(Bytes(1))) << "nobody has spoken yet";
+  EXPECT_FALSE(ship.send(Bytes(1))) << "no frame has come yet";
   UdpFramePort first("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   UdpFramePort second("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   ASSERT_TRUE(first.send(Bytes{1}));
   EXPECT_EQ(receiveOne(ship), Bytes{1});
-  EXPECT_FALSE(ship.send(Bytes(1))) << "what was heard may be noise";
-  ship.answerHeard();
+  EXPECT_FALSE(ship.send(Bytes(1))) << "what was received may be noise";
+  ship.answerLastSender();
   ASSERT_TRUE(ship.send(Bytes{2}));
   EXPECT_EQ(receiveOne(first), Bytes{2});
   ASSERT_TRUE(second.send(Bytes{3}));
   EXPECT_EQ(receiveOne(ship), Bytes{3});
-  ship.answerHeard();
+  ship.answerLastSender();
   ASSERT_TRUE(ship.send(Bytes{4}));
   EXPECT_EQ(receiveOne(second), Bytes{4});
 }
@@ -137,7 +136,7 @@ TEST(UdpFramePort, AForgedDatagramDoesNotLeadTheDownlinkAway) {
   UdpFramePort forger("127.0.0.1", 0, "127.0.0.1", ship.boundPort());
   ASSERT_TRUE(vehicle.send(Bytes{1}));
   EXPECT_EQ(receiveOne(ship), Bytes{1});
-  ship.answerHeard();
+  ship.answerLastSender();
   ASSERT_TRUE(forger.send(Bytes{9}));
   EXPECT_EQ(receiveOne(ship), Bytes{9});
   ASSERT_TRUE(ship.send(Bytes{2}));
@@ -146,14 +145,14 @@ TEST(UdpFramePort, AForgedDatagramDoesNotLeadTheDownlinkAway) {
   EXPECT_EQ(forger.receive(buffer), 0u);
 }
 
-TEST(UdpFramePort, APortWithAPeerHearsNobodyElse) {
+TEST(UdpFramePort, APortWithAPeerReceivesFromNobodyElse) {
   UdpFramePort peer("127.0.0.1", 0, "", 0);
   UdpFramePort port("127.0.0.1", 0, "127.0.0.1", peer.boundPort());
   UdpFramePort stranger("127.0.0.1", 0, "127.0.0.1", port.boundPort());
   ASSERT_TRUE(stranger.send(Bytes{9}));
   ASSERT_TRUE(port.send(Bytes{1}));
   EXPECT_EQ(receiveOne(peer), Bytes{1});
-  peer.answerHeard();
+  peer.answerLastSender();
   ASSERT_TRUE(peer.send(Bytes{2}));
   EXPECT_EQ(receiveOne(port), Bytes{2});
   EXPECT_EQ(port.droppedFrames(), 1u);
@@ -196,7 +195,7 @@ TEST(UdpFramePort, DatagramsThatAreNoFramesAreDroppedAndCounted) {
 }
 
 TEST(UdpFramePort, AddressesThatCannotBeUsedAreRefused) {
-  EXPECT_THAT(refusal([] { UdpFramePort port("nonsense", 0, "", 0); }), HasSubstr("nonsense: is no IPv4"));
+  EXPECT_THAT(refusal([] { UdpFramePort port("nonsense", 0, "", 0); }), HasSubstr("nonsense is no IPv4"));
   EXPECT_THAT(refusal([] { UdpFramePort port("127.0.0.1", 0, "", 9); }), HasSubstr("is no IPv4"));
   EXPECT_THAT(refusal([] { UdpFramePort port("192.0.2.1", 0, "", 0); }),
               HasSubstr("192.0.2.1:0: cannot be bound"));

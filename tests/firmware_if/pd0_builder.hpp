@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "firmware_if/files/civil_time.hpp"
+#include "realtime/base/civil_time.hpp"
 
 namespace fathom::test {
 

@@ -1,9 +1,10 @@
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 
 #include <gmock/gmock.h>
 
 #include <numbers>
 
+#include "realtime/base/units.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -16,8 +17,6 @@ using test::replaced;
 using test::writeText;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-
-constexpr double kDegree = 180.0 / std::numbers::pi;
 
 // As the ACFR's pipeline writes it (fields in columns, comments between).
 constexpr const char* kStereo =
@@ -52,8 +51,8 @@ TEST_F(PoseFilesTest, ANameWithBlanksComesBackAsItWas) {
 TEST_F(PoseFilesTest, AnAcfrStereoFileIsReadFieldByField) {
   writeText(path_, kStereo);
   const StereoPoseFile file = readStereoPoses(path_);
-  EXPECT_DOUBLE_EQ(file.origin.latitude * kDegree, -14.1265);
-  EXPECT_DOUBLE_EQ(file.origin.longitude * kDegree, 121.8664);
+  EXPECT_DOUBLE_EQ(file.origin.latitude * kDegreesPerRadian, -14.1265);
+  EXPECT_DOUBLE_EQ(file.origin.longitude * kDegreesPerRadian, 121.8664);
   ASSERT_EQ(file.poses.size(), 2u);
   const StereoPose& pose = file.poses[0];
   EXPECT_EQ(pose.utc_s, 1239866302.8530);
@@ -73,7 +72,7 @@ TEST_F(PoseFilesTest, AnAcfrStereoFileIsReadFieldByField) {
 
 TEST_F(PoseFilesTest, WrittenPosesComeBackWithTheirPlaceOnTheGlobe) {
   StereoPoseFile file;
-  file.origin = {-14.1265 / kDegree, 121.8664 / kDegree};
+  file.origin = {-14.1265 / kDegreesPerRadian, 121.8664 / kDegreesPerRadian};
   file.poses.push_back({3, 1239866302.853, SE3::fromEuler(0.1, -0.2, 3.1, {1.5, -200.25, 30.0}), "l.tif",
                         "r.tif", 2.1, 1.5, true});
   writeStereoPoses(path_, file);
@@ -90,8 +89,8 @@ TEST_F(PoseFilesTest, WrittenPosesComeBackWithTheirPlaceOnTheGlobe) {
   std::istringstream fields(line);
   double id, time, latitude, longitude;
   fields >> id >> time >> latitude >> longitude;
-  const Eigen::Vector2d local =
-      LocalTransverseMercator(file.origin).toLocal({latitude / kDegree, longitude / kDegree});
+  const Eigen::Vector2d local = LocalTransverseMercator(file.origin)
+                                    .toLocal({latitude / kDegreesPerRadian, longitude / kDegreesPerRadian});
   EXPECT_NEAR(local.x(), 1.5, 1e-6);
   EXPECT_NEAR(local.y(), -200.25, 1e-6);
 
@@ -140,7 +139,7 @@ TEST_F(PoseFilesTest, APoseThatLooksStraightAheadKeepsItsAttitude) {
   }
 }
 
-TEST_F(PoseFilesTest, ASlipIsRefusedWithItsLineAndField) {
+TEST_F(PoseFilesTest, AMistakeIsRefusedWithItsLineAndField) {
   EXPECT_THAT(refusalOf(replaced(kStereo, "VERSION 2", "VERSION 1")),
               AllOf(HasSubstr("line 1"), HasSubstr("no latitude and longitude")));
   EXPECT_THAT(refusalOf(replaced(kStereo, "VERSION 2", "VERSION 9")), HasSubstr("version 2 is read"));
@@ -190,7 +189,7 @@ TEST_F(PoseFilesTest, ATrajectoryComesBackToTheNanosecondAndTheBit) {
   }
 }
 
-TEST_F(PoseFilesTest, ATrajectoryWithASlipIsRefusedWithItsLine) {
+TEST_F(PoseFilesTest, ATrajectoryWithAMistakeIsRefusedWithItsLine) {
   const std::string good = "utc_ns,north_m,east_m,depth_m,qw,qx,qy,qz\n5,1,2,3,1,0,0,0\n6,1,2,3,1,0,0,0\n";
   const auto refused = [&](const std::string& text) {
     writeText(path_, text);

@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "firmware_if/modem/slip.hpp"
-#include "realtime/kernel/clock.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
+#include "firmware_if/devices/modem/slip.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "telemetry/ship/ship_link.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/support/heap_counter.hpp"

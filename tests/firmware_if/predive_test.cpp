@@ -13,7 +13,8 @@
 #include "firmware_if/predive/predive_checks.hpp"
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
-#include "tests/firmware_if/made_picture.hpp"
+#include "realtime/base/units.hpp"
+#include "tests/firmware_if/synthetic_picture.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
@@ -21,15 +22,14 @@ namespace {
 
 using test::kHeight;
 using test::kWidth;
-using test::picture;
+using test::syntheticPicture;
 using test::viewOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr double kPi = std::numbers::pi;
-constexpr std::int64_t kStart = 1'700'000'000 * kSecond;
+constexpr std::int64_t kStart = 1'700'000'000 * kSecond_ns;
 
 // Everything about a vehicle that a test can spoil.
 struct Vehicle {
@@ -124,7 +124,7 @@ class FakeCamera final : public CameraSource {
       : vehicle_(vehicle),
         side_(side),
         polls_(polls),
-        lit_(picture(vehicle.blur[side], vehicle.light[side])),
+        lit_(syntheticPicture(vehicle.blur[side], vehicle.light[side])),
         dark_(lit_.size(), 2),
         pool_(4, lit_.size()) {}
   bool poll(int, FrameSink& sink) noexcept override {
@@ -229,10 +229,11 @@ PrediveReport look(const Vehicle& vehicle) {
   };
   devices.link.read = [&](std::span<const std::uint8_t> frame) {
     EXPECT_EQ(frame[0], 42);
-    PrediveLink::Heard heard;
-    heard.ours = vehicle.for_us;
-    if (vehicle.for_us && vehicle.usbl) heard.fix = UsblFix{kStart, kStart, vehicle.fix_latitude, 2.0, 0, 1};
-    return heard;
+    PrediveLink::Received received;
+    received.ours = vehicle.for_us;
+    if (vehicle.for_us && vehicle.usbl)
+      received.fix = UsblFix{kStart, kStart, vehicle.fix_latitude, 2.0, 0, 1};
+    return received;
   };
   const PrediveFacts facts = watchDevices(
       devices, [&] { return !enough.reached(); }, [] { return kStart; });
@@ -249,7 +250,7 @@ PrediveReport look(const Vehicle& vehicle) {
 std::vector<std::string> redRows(const PrediveReport& report) {
   std::vector<std::string> names;
   for (const PrediveRow& row : report.rows) {
-    if (row.verdict != Verdict::kBad) continue;
+    if (row.verdict != PrediveVerdict::kBad) continue;
     names.push_back(row.name);
     EXPECT_FALSE(row.fix.empty()) << row.name << " says no fix";
   }
@@ -262,7 +263,7 @@ TEST(Predive, AVehicleInOrderIsGreenThroughout) {
   EXPECT_TRUE(report.allGood());
   std::vector<std::string> unused;
   for (const PrediveRow& row : report.rows)
-    if (row.verdict == Verdict::kUnused) unused.push_back(row.name);
+    if (row.verdict == PrediveVerdict::kUnused) unused.push_back(row.name);
   EXPECT_THAT(unused, ElementsAre("GPS", "battery"));
 }
 
@@ -278,7 +279,7 @@ TEST(Predive, EachThingThatIsWrongTurnsItsOwnRowRed) {
       {"cameras exchanged", [](Vehicle& v) { std::swap(v.serials[0], v.serials[1]); }, {"serial numbers"}},
       {"right camera unplugged", [](Vehicle& v) { v.camera_there[1] = false; }, {"camera right"}},
       {"calibrated at another size", [](Vehicle& v) { v.rig.left.width = 1360; }, {"camera left"}},
-      {"frames lost on the way", [](Vehicle& v) { v.miss_every = 10; }, {"camera left"}},
+      {"frames lost on the network", [](Vehicle& v) { v.miss_every = 10; }, {"camera left"}},
       {"trigger at half the rate",
        [](Vehicle& v) {
          v.rate_hz = {1, 1};
@@ -324,7 +325,7 @@ TEST(Predive, EachThingThatIsWrongTurnsItsOwnRowRed) {
          v.mission.T_body_cam = SE3::fromEuler(kPi, 0, 0, {0.5, 0, 0.3});
        },
        {"looking down"}},
-      {"rig the wrong way round",
+      {"cameras of the rig exchanged",
        [](Vehicle& v) { v.rig.T_right_left = v.rig.T_right_left.inverse(); },
        {"stereo rig"}},
       {"rig in millimetres",

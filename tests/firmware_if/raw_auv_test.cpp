@@ -1,11 +1,12 @@
-#include "firmware_if/log/raw_auv.hpp"
+#include "firmware_if/mission/log/raw_auv.hpp"
 
 #include <gmock/gmock.h>
 
 #include <numbers>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -19,8 +20,7 @@ using test::same;
 using test::writeText;
 using ::testing::HasSubstr;
 
-constexpr double kDegree = 180.0 / std::numbers::pi;
-const Geodetic kOrigin{-30.0 / kDegree, 115.0 / kDegree};
+const Geodetic kOrigin{-30.0 / kDegreesPerRadian, 115.0 / kDegreesPerRadian};
 
 // Lines as ACFR tools and oplab_pipeline write them; spaces behind the colons differ.
 constexpr const char* kLines =
@@ -70,8 +70,8 @@ TEST_F(RawAuvTest, EveryLineTypeIsReadInTheFilesOrder) {
   EXPECT_TRUE(same(samples[1], dvl));
   const auto& attitude = std::get<AttitudeSample>(samples[3]);
   EXPECT_NEAR(attitude.heading, std::numbers::pi, 1e-12);
-  EXPECT_NEAR(attitude.roll, 1.5 / kDegree, 1e-12);
-  EXPECT_NEAR(attitude.pitch, -2.5 / kDegree, 1e-12);
+  EXPECT_NEAR(attitude.roll, 1.5 / kDegreesPerRadian, 1e-12);
+  EXPECT_NEAR(attitude.pitch, -2.5 / kDegreesPerRadian, 1e-12);
   EXPECT_FALSE(attitude.magnetic);
   EXPECT_TRUE(same(samples[5], ImageEvent{1444452883'500'000'000, CameraSide::kLeft,
                                           "PR_20151010_045443_500_LC16.tif", 0.0015}));
@@ -93,15 +93,15 @@ TEST_F(RawAuvTest, AFixStandsWhereItsNorthAndEastSay) {
   EXPECT_NEAR(local.x(), 100.0, 1e-6);
   EXPECT_NEAR(local.y(), -50.0, 1e-6);
   EXPECT_EQ(fix.depth, 30.0);
-  EXPECT_NEAR(fix.sigma_horizontal, std::hypot(0.2, 60.0 * 0.25 / kDegree), 1e-9);
+  EXPECT_NEAR(fix.sigma_horizontal, std::hypot(0.2, 60.0 * 0.25 / kDegreesPerRadian), 1e-9);
 }
 
 TEST_F(RawAuvTest, WithoutACompassTheDvlsOwnAttitudeIsUsed) {
   const auto samples = read("RDI: 1 alt:2 h:90 p:-1 r:2 vx:0 vy:0 vz:0 h_true:91.5\nRDI: 2 h:90 p:-1 r:2\n");
   ASSERT_EQ(samples.size(), 4u);
-  EXPECT_NEAR(std::get<AttitudeSample>(samples[1]).heading, 91.5 / kDegree, 1e-12);
+  EXPECT_NEAR(std::get<AttitudeSample>(samples[1]).heading, 91.5 / kDegreesPerRadian, 1e-12);
   EXPECT_FALSE(std::get<AttitudeSample>(samples[1]).magnetic);
-  EXPECT_NEAR(std::get<AttitudeSample>(samples[3]).heading, 90 / kDegree, 1e-12);
+  EXPECT_NEAR(std::get<AttitudeSample>(samples[3]).heading, 90 / kDegreesPerRadian, 1e-12);
   EXPECT_TRUE(std::get<AttitudeSample>(samples[3]).magnetic);
 }
 

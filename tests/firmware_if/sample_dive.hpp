@@ -8,7 +8,7 @@
 
 namespace fathom::test {
 
-// One sample of each kind and of each way to be absent, with times that need every nanosecond.
+// Samples of each kind, with each value present and absent, and times that need every nanosecond.
 inline std::vector<SensorSample> everyKindOfSample() {
   constexpr std::int64_t kStart = 1'700'000'000'123'456'789;
   DvlSample whole;

@@ -1,12 +1,12 @@
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
 
 #include <gmock/gmock.h>
 #include <lcm/lcm-cpp.hpp>
 
 #include <random>
 
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/log_messages.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/log_messages.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -112,7 +112,7 @@ TEST_F(SensorLogTest, DamageInTheMiddleCostsOnlyTheEntriesThatItTouches) {
       continue;
     }
     EXPECT_GE(read.samples, all - 2) << "damage at " << at;
-    EXPECT_LT(read.samples, all) << "damage at " << at << " was not seen";
+    EXPECT_LT(read.samples, all) << "damage at " << at << " was not found";
     EXPECT_GE(read.damaged + read.skipped, 1u) << "damage at " << at;
   }
 }
@@ -204,7 +204,7 @@ TEST_F(SensorLogTest, ALogOfAnAcfrVehicleIsReadByItsOwnChannels) {
   EXPECT_EQ(reader.damagedEntries(), 0u);
 }
 
-TEST_F(SensorLogTest, RawBytesLieBesideTheSamplesAndComeBack) {
+TEST_F(SensorLogTest, RawBytesAreBesideTheSamplesAndComeBack) {
   const std::vector<std::uint8_t> ensemble = {0x7f, 0x7f, 0xed, 0xa1, 0xda, 0x01, 0, 0, 0};
   {
     LogEventWriter writer(path_);

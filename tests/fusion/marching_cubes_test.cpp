@@ -15,7 +15,7 @@
 namespace fathom::fusion {
 namespace {
 
-TEST(MarchingCubes, NoDiagonalOfAPatternLiesInAFaceOfTheCell) {
+TEST(MarchingCubes, NoDiagonalOfAPatternIsInAFaceOfTheCell) {
   const MarchingCubesTable table;
   for (unsigned signs = 0; signs < 256; ++signs) {
     const MarchingCubesTable::Pattern& pattern = table.pattern(signs);
@@ -48,8 +48,8 @@ VoxelGrid randomGrid(unsigned seed, double unseen) {
   return grid;
 }
 
-// The numbers of edges with more than two triangles or two of one sense, and of vertices with more than one
-// fan.
+// The numbers of edges with more than two triangles or two of one sense, and of vertices with more than
+// one fan.
 struct Faults {
   std::size_t edges = 0, vertices = 0;
 };

@@ -1,4 +1,4 @@
-// What is put into the onboard map comes out of it exactly, in any order, coarsened or not.
+// The onboard map subtracts exactly what it added, in any order, coarsened or not.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -6,18 +6,14 @@
 
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/fusion/quadtree_sums.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 
 namespace fathom::fusion {
 namespace {
 
 using test::rangeMesh;
 
-double reef(double n, double e) {
-  return 8.0 + 0.3 * std::sin(1.7 * n) + 0.25 * std::cos(1.3 * e) + (n + e > 3 ? -0.6 : 0.0);
-}
-
-QuadtreeConfig config() {
+QuadtreeConfig exactConfig() {
   QuadtreeConfig c;
   c.root_size = 16;
   c.max_level = 5;  // cells of 1/32 m
@@ -40,19 +36,19 @@ std::vector<Mesh> meshes(int count) {
                                                      : 0.08,
                              .sigma = k % 4 == 0 ? 0.05 : 0.01,
                              .colour = {static_cast<std::uint8_t>(3 * k), 120, 200}},
-                            reef, static_cast<unsigned>(k)));
+                            test::reef, static_cast<unsigned>(k)));
   return out;
 }
 
 // Level by level, every square that can be.
 void coarsenAll(QuadtreeMap& map, int to_level) {
-  for (int level = config().max_level - 1; level >= to_level; --level)
+  for (int level = exactConfig().max_level - 1; level >= to_level; --level)
     for (int n = -(1 << level); n < (1 << level); ++n)
       for (int e = -(1 << level); e < (1 << level); ++e)
         (void)map.coarsen({n, e, static_cast<std::int16_t>(level)});
 }
 
-TEST(LayerSums, AddAndTakeOutToNothingAtTheirLargest) {
+TEST(LayerSums, AddAndSubtractToZeroAtTheirLargest) {
   LayerSums sums;
   const LayerSums most = LayerSums::of(kMaxWeight, (1U << 15) - 1, {255, 255, 255});
   const LayerSums least = LayerSums::of(1, 0, {0, 0, 1});
@@ -82,7 +78,7 @@ TEST(LayerSums, RebasedAreTheSumsOfTheSameHeightsFromALowerEdge) {
 
 TEST(QuadtreeExactness, TheMapDoesNotDependOnTheOrderOfMeshes) {
   std::vector<Mesh> all = meshes(40);
-  QuadtreeMap forwards(config()), backwards(config());
+  QuadtreeMap forwards(exactConfig()), backwards(exactConfig());
   for (const Mesh& mesh : all) (void)forwards.fuse(mesh);
   std::reverse(all.begin(), all.end());
   for (const Mesh& mesh : all) (void)backwards.fuse(mesh);
@@ -92,7 +88,7 @@ TEST(QuadtreeExactness, TheMapDoesNotDependOnTheOrderOfMeshes) {
 
 TEST(QuadtreeExactness, MeshesTakenOutInAnyOrderLeaveTheMapThatNeverHadThem) {
   const std::vector<Mesh> all = meshes(40);
-  QuadtreeMap map(config()), without(config());
+  QuadtreeMap map(exactConfig()), without(exactConfig());
   for (const Mesh& mesh : all) (void)map.fuse(mesh);
   std::vector<std::size_t> order(all.size());
   for (std::size_t k = 0; k < order.size(); ++k) order[k] = k;
@@ -110,7 +106,7 @@ TEST(QuadtreeExactness, MeshesTakenOutInAnyOrderLeaveTheMapThatNeverHadThem) {
 TEST(QuadtreeExactness, AMeshThatWentInFineComesOutOfACoarsenedAreaExactly) {
   const std::vector<Mesh> all = meshes(40);
   for (const int level : {3, 1}) {
-    QuadtreeMap map(config()), same(config());
+    QuadtreeMap map(exactConfig()), same(exactConfig());
     for (std::size_t k = 0; k < 30; ++k) (void)map.fuse(all[k]);
     for (std::size_t k = 30; k-- > 0;) (void)same.fuse(all[k]);
     for (QuadtreeMap* m : {&map, &same}) coarsenAll(*m, level);
@@ -120,7 +116,7 @@ TEST(QuadtreeExactness, AMeshThatWentInFineComesOutOfACoarsenedAreaExactly) {
     for (std::size_t k = 0; k < 20; ++k) (void)map.remove(all[k]);
     for (std::size_t k = 20; k-- > 0;) (void)same.remove(all[k]);
     EXPECT_TRUE(map.canonicalBytes() == same.canonicalBytes());
-    // What is left, taken out, leaves nothing.
+    // Subtracting the rest leaves nothing.
     for (std::size_t k = 20; k < 40; ++k) (void)map.remove(all[k]);
     EXPECT_TRUE(map.canonicalBytes().empty());
     EXPECT_EQ(map.counters().missing, 0u);
@@ -130,7 +126,7 @@ TEST(QuadtreeExactness, AMeshThatWentInFineComesOutOfACoarsenedAreaExactly) {
 
 TEST(QuadtreeExactness, CoarseningBeforeAndAfterIsTheSame) {
   const std::vector<Mesh> all = meshes(30);
-  QuadtreeMap before(config()), after(config());
+  QuadtreeMap before(exactConfig()), after(exactConfig());
   for (std::size_t k = 0; k < 15; ++k) (void)before.fuse(all[k]);
   coarsenAll(before, 2);
   for (std::size_t k = 15; k < 30; ++k) (void)before.fuse(all[k]);
@@ -141,14 +137,14 @@ TEST(QuadtreeExactness, CoarseningBeforeAndAfterIsTheSame) {
 }
 
 TEST(QuadtreeExactness, AMeshThatIsRefusedLeavesNoTrace) {
-  QuadtreeConfig small = config();
+  QuadtreeConfig small = exactConfig();
   small.max_tiles = 4;
   small.layers_per_tile = 64;
   QuadtreeMap map(small);
   std::vector<Mesh> in;
   for (unsigned k = 0; k < 10; ++k) {
     const Mesh far =
-        rangeMesh({.north = 16.0 * k, .east = 40, .length = 9, .width = 9, .spacing = 2}, reef, k);
+        rangeMesh({.north = 16.0 * k, .east = 40, .length = 9, .width = 9, .spacing = 2}, test::reef, k);
     if (map.fuse(far) > 0) in.push_back(far);
   }
   ASSERT_GT(in.size(), 0u);
@@ -160,7 +156,7 @@ TEST(QuadtreeExactness, AMeshThatIsRefusedLeavesNoTrace) {
 }
 
 TEST(QuadtreeExactness, WithAFullPoolMeshesStillComeOutWithoutALooseEnd) {
-  QuadtreeConfig small = config();
+  QuadtreeConfig small = exactConfig();
   small.max_tiles = 40;
   small.layers_per_tile = 100;
   QuadtreeMap map(small);
@@ -174,7 +170,7 @@ TEST(QuadtreeExactness, WithAFullPoolMeshesStillComeOutWithoutALooseEnd) {
 }
 
 TEST(QuadtreeExactness, ASurfaceOverAnotherIsMarkedAndNeitherIsAveraged) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(exactConfig());
   const auto floor = [](double, double) { return 6.0; };
   const auto ledge = [](double, double) { return 5.2; };
   for (unsigned k = 0; k < 3; ++k) (void)map.fuse(rangeMesh({.sigma = 0.01}, floor, k));
@@ -192,8 +188,8 @@ TEST(QuadtreeExactness, ASurfaceOverAnotherIsMarkedAndNeitherIsAveraged) {
   EXPECT_NEAR(tile.at(2, 2).depth, 6.0, 0.03);  // better supported
 }
 
-TEST(QuadtreeExactness, AFishSeenOnceIsGoneAndUnmarkedOnceItIsOutvoted) {
-  QuadtreeMap map(config()), clean(config());
+TEST(QuadtreeExactness, AFishSeenOnceDisappearsWithoutMarkWhenOutvoted) {
+  QuadtreeMap map(exactConfig()), clean(exactConfig());
   const auto floor = [](double n, double) { return 6.0 + 0.1 * n; };
   const auto fish = [](double, double) { return 5.5; };
   (void)map.fuse(rangeMesh({.length = 0.4, .width = 0.4, .sigma = 0.01}, fish, 1));
@@ -211,7 +207,7 @@ TEST(QuadtreeExactness, AFishSeenOnceIsGoneAndUnmarkedOnceItIsOutvoted) {
 }
 
 TEST(QuadtreeExactness, AFishSeenFromNearOnceIsOutvotedByAFloorSeenFromAfarOften) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(exactConfig());
   const auto floor = [](double n, double) { return 6.0 + 0.1 * n; };
   const auto fish = [](double, double) { return 4.8; };
   (void)map.fuse(rangeMesh({.length = 0.4, .width = 0.4, .spacing = 0.04, .sigma = 0.01}, fish, 1));

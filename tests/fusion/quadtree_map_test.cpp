@@ -9,7 +9,7 @@
 #include <stdexcept>
 #include <tuple>
 
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::fusion {
@@ -91,7 +91,7 @@ TEST(QuadtreeMap, ASlopeIsReproducedExactlyAndWithoutHolesAcrossTiles) {
   for (const auto& n : mesh.normals) EXPECT_LT(n.z(), -0.9F);
 }
 
-TEST(QuadtreeMap, NoiseFallsWithTheNumberOfMeshesAndSigmaSaysSo) {
+TEST(QuadtreeMap, NoiseFallsWithTheNumberOfMeshesAsSigmaStates) {
   std::map<int, double> rms;
   for (const int passes : {1, 16}) {
     QuadtreeMap map(reefConfig());
@@ -152,7 +152,7 @@ TEST(QuadtreeMap, OfSurfacesOverOneAnotherTheUpperOneIsKept) {
   (void)map.fuse(both);
   for (const auto& v : toMesh(map).vertices) {
     const float from_middle = std::max(std::abs(v.x()), std::abs(v.y()));
-    if (from_middle == 0.5F) continue;  // a node on the rim lies between cells of both
+    if (from_middle == 0.5F) continue;  // a node on the rim is between cells of both
     EXPECT_NEAR(v.z(), from_middle < 0.5F ? 4.0F : 5.0F, 1e-4F) << v.transpose();
   }
 }
@@ -235,7 +235,7 @@ TEST(QuadtreeMap, AFullPoolCoarsensTheLeastRecentlySeenAreaAndCountsIt) {
   EXPECT_LT(errorsOf(mesh, slope).rms, 0.05);
 }
 
-TEST(QuadtreeMap, APoolFullOfRootsRefusesNewGroundAndGoesOn) {
+TEST(QuadtreeMap, APoolFullOfRootsRefusesNewGroundAndContinues) {
   QuadtreeMap map(reefConfig(4));
   for (unsigned k = 0; k < 12; ++k) (void)map.fuse(rangeMesh({.north = 16.0 * k + 8, .east = 8}, slope, k));
   EXPECT_GT(map.counters().refused, 0u);

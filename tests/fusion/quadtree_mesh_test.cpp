@@ -7,14 +7,14 @@
 #include <set>
 
 #include "recon/fusion/quadtree_map.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 
 namespace fathom::fusion {
 namespace {
 
 using test::rangeMesh;
 
-QuadtreeConfig config() {
+QuadtreeConfig meshConfig() {
   QuadtreeConfig c;
   c.root_size = 16;
   c.max_level = 6;  // cells of 1/64 m
@@ -45,8 +45,8 @@ void fuseMixed(QuadtreeMap& map) {
 
 using Edge = std::pair<std::uint32_t, std::uint32_t>;
 
-// Every edge belongs to one or two triangles, never twice in the same direction; no vertex lies on the inside
-// of an edge; no two vertices lie at one place; no triangle is turned over or flat in plan.
+// Every edge belongs to one or two triangles, never twice in the same direction; no vertex is on the inside
+// of an edge; no two vertices are at one place; no triangle is reversed or flat in plan.
 void expectNoCracks(const Mesh& mesh) {
   std::map<Edge, int> directed;
   for (const auto& t : mesh.triangles) {
@@ -97,7 +97,7 @@ void expectNoCracks(const Mesh& mesh) {
 }
 
 TEST(QuadtreeMesh, HasNoCracksWhereLevelsMeet) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(meshConfig());
   fuseMixed(map);
   std::set<int> levels;
   map.forEachLeaf([&](const TileKey& key, std::uint32_t) { levels.insert(key.level); });
@@ -108,10 +108,10 @@ TEST(QuadtreeMesh, HasNoCracksWhereLevelsMeet) {
 }
 
 TEST(QuadtreeMesh, HasNoCracksAtAnyLevel) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(meshConfig());
   fuseMixed(map);
   std::size_t last = 0;
-  for (int level = 0; level <= config().max_level; ++level) {
+  for (int level = 0; level <= meshConfig().max_level; ++level) {
     const Mesh mesh = meshAt(map, level);
     expectNoCracks(mesh);
     EXPECT_GE(mesh.triangles.size(), last);
@@ -121,7 +121,7 @@ TEST(QuadtreeMesh, HasNoCracksAtAnyLevel) {
 }
 
 TEST(QuadtreeMesh, HasNoCracksAfterCoarsening) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(meshConfig());
   fuseMixed(map);
   int coarsened = 0;
   for (int level = 5; level >= 3; --level)
@@ -133,11 +133,11 @@ TEST(QuadtreeMesh, HasNoCracksAfterCoarsening) {
 
 TEST(QuadtreeMesh, APlaneStaysAPlaneAtEveryLevelUpToItsBorder) {
   const auto plane = [](double n, double e) { return 10 + 0.6 * n - 0.35 * e; };
-  QuadtreeMap map(config());
+  QuadtreeMap map(meshConfig());
   (void)map.fuse(rangeMesh({.length = 5.3, .width = 4.1, .spacing = 0.5, .sigma = 0}, plane, 1));
   (void)map.fuse(rangeMesh(
       {.north = 0.4, .east = 0.3, .length = 1.37, .width = 1.81, .spacing = 0.05, .sigma = 0}, plane, 2));
-  for (int level = 2; level <= config().max_level; ++level) {
+  for (int level = 2; level <= meshConfig().max_level; ++level) {
     double worst = 0;
     for (const auto& v : meshAt(map, level).vertices)
       worst = std::max(worst, std::abs(static_cast<double>(v.z()) - plane(v.x(), v.y())));
@@ -146,7 +146,7 @@ TEST(QuadtreeMesh, APlaneStaysAPlaneAtEveryLevelUpToItsBorder) {
 }
 
 TEST(QuadtreeMesh, TilesOfEveryLevelJoinAtTheirEdges) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(meshConfig());
   fuseMixed(map);
   HeightTile south, north;
   int compared = 0;

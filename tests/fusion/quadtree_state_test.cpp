@@ -1,10 +1,10 @@
-// A map that was saved and loaded is the same map, and goes on as the one that was saved.
+// A loaded map equals the saved one and continues as it does.
 #include <gtest/gtest.h>
 
 #include <random>
 
 #include "recon/fusion/quadtree_map.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 #include "tests/support/saved_state.hpp"
 
 namespace fathom::fusion {
@@ -13,12 +13,8 @@ namespace {
 using test::rangeMesh;
 using test::savedState;
 
-double reef(double n, double e) {
-  return 8.0 + 0.3 * std::sin(1.7 * n) + 0.25 * std::cos(1.3 * e) + (n + e > 3 ? -0.6 : 0.0);
-}
-
 // So small that meshes coarsen it.
-QuadtreeConfig config() {
+QuadtreeConfig stateConfig() {
   QuadtreeConfig c;
   c.root_size = 16;
   c.max_level = 5;
@@ -36,10 +32,10 @@ Mesh meshOf(int k) {
                     .spacing = k % 3 == 0 ? 0.2 : 0.08,
                     .sigma = k % 4 == 0 ? 0.05 : 0.01,
                     .colour = {static_cast<std::uint8_t>(3 * k), 120, 200}},
-                   reef, static_cast<unsigned>(k));
+                   test::reef, static_cast<unsigned>(k));
 }
 
-// Meshes go in, some come out, the vehicle moves, the ship hears.
+// Adds meshes, removes some, moves the vehicle, marks squares as sent.
 void live(QuadtreeMap& map, int from, int to) {
   for (int k = from; k < to; ++k) {
     map.noteVehicle({0.1 * k, -0.1 * k});
@@ -54,12 +50,12 @@ bool load(QuadtreeMap& map, std::span<const std::uint8_t> bytes) {
   return map.load(reader);
 }
 
-TEST(QuadtreeState, AMapThatWasLoadedGoesOnAsTheOneThatWasSaved) {
-  QuadtreeMap whole(config());
+TEST(QuadtreeState, ALoadedMapContinuesAsTheSavedOne) {
+  QuadtreeMap whole(stateConfig());
   live(whole, 0, 60);
   ASSERT_GT(whole.counters().coarsened, 0u);
   const std::vector<std::uint8_t> state = savedState(whole);
-  QuadtreeMap loaded(config());
+  QuadtreeMap loaded(stateConfig());
   live(loaded, 100, 120);  // forgotten
   ASSERT_TRUE(load(loaded, state));
   EXPECT_EQ(loaded.canonicalBytes(), whole.canonicalBytes());
@@ -71,7 +67,7 @@ TEST(QuadtreeState, AMapThatWasLoadedGoesOnAsTheOneThatWasSaved) {
 
 // Of the 48 bytes that a layer takes in memory; a cell takes one, a tile some 70.
 TEST(QuadtreeState, ASavedLayerTakesHalfOfItsBytes) {
-  QuadtreeMap map(config());
+  QuadtreeMap map(stateConfig());
   live(map, 0, 60);
   const QuadtreeMap::Counters c = map.counters();
   constexpr std::size_t kOfTile = 256 + 70, kOfLayer = 28, kFixed = 2000;
@@ -80,8 +76,8 @@ TEST(QuadtreeState, ASavedLayerTakesHalfOfItsBytes) {
 }
 
 TEST(QuadtreeState, AnEmptyMapIsSavedAndLoaded) {
-  const QuadtreeMap empty(config());
-  QuadtreeMap loaded(config());
+  const QuadtreeMap empty(stateConfig());
+  QuadtreeMap loaded(stateConfig());
   live(loaded, 0, 20);
   ASSERT_TRUE(load(loaded, savedState(empty)));
   EXPECT_EQ(loaded.canonicalBytes(), "");
@@ -90,9 +86,9 @@ TEST(QuadtreeState, AnEmptyMapIsSavedAndLoaded) {
 }
 
 TEST(QuadtreeState, AMapOfAnotherSizeIsRefused) {
-  QuadtreeMap whole(config());
+  QuadtreeMap whole(stateConfig());
   live(whole, 0, 60);
-  QuadtreeConfig smaller = config();
+  QuadtreeConfig smaller = stateConfig();
   smaller.max_tiles = 20;
   QuadtreeMap loaded(smaller);
   EXPECT_FALSE(load(loaded, savedState(whole)));
@@ -100,10 +96,10 @@ TEST(QuadtreeState, AMapOfAnotherSizeIsRefused) {
 }
 
 TEST(QuadtreeState, DamageIsRefusedOrDoesNoHarm) {
-  QuadtreeMap whole(config());
+  QuadtreeMap whole(stateConfig());
   live(whole, 0, 30);
   const std::vector<std::uint8_t> state = savedState(whole);
-  QuadtreeMap other(config());
+  QuadtreeMap other(stateConfig());
   test::eachRefused(state, 50, [&](auto bytes) { return load(other, bytes); });
   EXPECT_EQ(other.canonicalBytes(), "");
   int refused = 0, loads = 0;

@@ -1,10 +1,10 @@
-// What a full pool gives up first.
+// Order in which a full pool coarsens areas.
 #include <gtest/gtest.h>
 
 #include <cmath>
 
 #include "recon/fusion/quadtree_map.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -55,14 +55,14 @@ class QuadtreeValue : public ::testing::Test {
   QuadtreeMap map{config()};
 };
 
-TEST_F(QuadtreeValue, FlatGroundGivesWayBeforeRelief) {
+TEST_F(QuadtreeValue, FlatGroundIsCoarsenedBeforeRelief) {
   fuseBoth(rough, flat);
   fillThePool();
   EXPECT_EQ(coarsened()[0], 0);
   EXPECT_GE(coarsened()[1], 8);
 }
 
-TEST_F(QuadtreeValue, WhatIsFarFromTheVehicleGivesWayFirst) {
+TEST_F(QuadtreeValue, GroundFarFromTheVehicleIsCoarsenedFirst) {
   fuseBoth(rough, rough);
   map.noteVehicle({kApart, 0});
   fillThePool();
@@ -70,7 +70,7 @@ TEST_F(QuadtreeValue, WhatIsFarFromTheVehicleGivesWayFirst) {
   EXPECT_EQ(coarsened()[1], 0);
 }
 
-TEST_F(QuadtreeValue, WhatTheShipHasGivesWayFirstUntilItChanges) {
+TEST_F(QuadtreeValue, SentGroundIsCoarsenedFirstUntilItChanges) {
   fuseBoth(rough, rough);
   for (int e = -1; e <= 1; ++e)
     for (int n = -1; n <= 1; ++n) map.noteSent({n, e, 2});
@@ -84,7 +84,7 @@ TEST_F(QuadtreeValue, WhatTheShipHasGivesWayFirstUntilItChanges) {
     for (int n = -1; n <= 1; ++n) map.noteSent({n, e, 2});
   for (int e = -1; e <= 1; ++e)
     for (int n = 6; n <= 9; ++n) map.noteSent({n, e, 2});
-  fuseBoth(rough, [](double, double) { return 10.02; });  // the first as it was sent, but seen anew: not sent
+  fuseBoth(rough, [](double, double) { return 10.02; });  // the first was sent, then observed again: not sent
   for (int e = -1; e <= 1; ++e)
     for (int n = 6; n <= 9; ++n) map.noteSent({n, e, 2});
   fillThePool();
@@ -92,7 +92,7 @@ TEST_F(QuadtreeValue, WhatTheShipHasGivesWayFirstUntilItChanges) {
   EXPECT_GE(coarsened()[1], 8);
 }
 
-TEST_F(QuadtreeValue, MappingGoesOnAndIsRightWhateverGivesWay) {
+TEST_F(QuadtreeValue, MappingContinuesCorrectlyWhileThePoolCoarsens) {
   fuseBoth(rough, flat);
   fillThePool();
   std::size_t cells = map.fuse(rangeMesh({.north = kElsewhere + 50, .east = 3, .sigma = 0.002}, flat, 7));

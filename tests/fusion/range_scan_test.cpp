@@ -5,7 +5,7 @@
 #include <sstream>
 
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "recon/geometry/se3.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"

@@ -13,15 +13,16 @@ namespace {
 using Closures = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-Footprint around(double north, double east, double length = 1.5, double width = 2.0) {
+MeshFootprint around(double north, double east, double length = 1.5, double width = 2.0) {
   return {{north - length / 2, east - width / 2, north + length / 2, east + width / 2}};
 }
-double middle(const Footprint& f, std::size_t axis) {
+double middle(const MeshFootprint& f, std::size_t axis) {
   return (f.box[axis] + f.box[axis + 2]) / 2;
 }
 
 // A transect from one place to another; a mesh every `step`.
-void transect(std::vector<Footprint>& meshes, double n0, double e0, double n1, double e1, double step = 0.5) {
+void transect(std::vector<MeshFootprint>& meshes, double n0, double e0, double n1, double e1,
+              double step = 0.5) {
   const double length = std::hypot(n1 - n0, e1 - e0);
   const int count = static_cast<int>(length / step) + 1;
   for (int k = 0; k < count; ++k) {
@@ -30,8 +31,8 @@ void transect(std::vector<Footprint>& meshes, double n0, double e0, double n1, d
   }
 }
 
-// Pairs whose middles are near, but which are not neighbours in time.
-Closures closuresWithin(const std::vector<Footprint>& meshes, double distance) {
+// Pairs of near footprints that are not neighbours in time.
+Closures closuresWithin(const std::vector<MeshFootprint>& meshes, double distance) {
   Closures closures;
   for (std::uint32_t a = 0; a < meshes.size(); ++a)
     for (std::uint32_t b = a + 10; b < meshes.size(); ++b)
@@ -42,14 +43,14 @@ Closures closuresWithin(const std::vector<Footprint>& meshes, double distance) {
 }
 
 // Every touched leaf tile in exactly one piece; each piece lists exactly the meshes that reach it.
-void expectDivided(const std::vector<Footprint>& meshes, const TileGrid& grid, const DivisionConfig& config,
-                   const std::vector<Piece>& pieces) {
+void expectDivided(const std::vector<MeshFootprint>& meshes, const TileGrid& grid,
+                   const DivisionConfig& config, const std::vector<Piece>& pieces) {
   std::map<std::pair<int, int>, int> owners;
   for (const Piece& piece : pieces)
     for (int x = piece.core.x0; x < piece.core.x1; ++x)
       for (int y = piece.core.y0; y < piece.core.y1; ++y) ++owners[{x, y}];
   for (const auto& [tile, count] : owners) ASSERT_EQ(count, 1) << tile.first << ' ' << tile.second;
-  for (const Footprint& f : meshes) {
+  for (const MeshFootprint& f : meshes) {
     const TileId low = grid.at(0, f.box[0], f.box[1]), high = grid.at(0, f.box[2], f.box[3]);
     for (int x = low.x; x <= high.x; ++x)
       for (int y = low.y; y <= high.y; ++y) ASSERT_TRUE(owners.contains({x, y})) << x << ' ' << y;
@@ -70,7 +71,7 @@ void expectDivided(const std::vector<Footprint>& meshes, const TileGrid& grid, c
 }
 
 TEST(SpaceDivision, CutsOfACrossingSurveyAvoidClosuresAndDoNotRunAlongTransects) {
-  std::vector<Footprint> meshes;  // lines 20 m apart, both ways
+  std::vector<MeshFootprint> meshes;  // lines 20 m apart, in both directions
   for (int line = 0; line < 4; ++line) transect(meshes, 0, 20 * line, 60, 20 * line);
   for (int line = 0; line < 4; ++line) transect(meshes, 20 * line, 0, 20 * line, 60);
   const Closures closures = closuresWithin(meshes, 1.0);
@@ -83,7 +84,7 @@ TEST(SpaceDivision, CutsOfACrossingSurveyAvoidClosuresAndDoNotRunAlongTransects)
   const double edge = grid.edge(0);
   for (const Piece& piece : pieces) {
     EXPECT_LE(piece.meshes.size(), 512U);
-    // No closure is severed: both middles lie in the same piece or neither does.
+    // No closure is severed: both middles are in the same piece or neither is.
     const auto inside = [&](std::uint32_t k) {
       return piece.core.contains(grid.at(0, middle(meshes[k], 0), middle(meshes[k], 1)));
     };
@@ -99,7 +100,7 @@ TEST(SpaceDivision, CutsOfACrossingSurveyAvoidClosuresAndDoNotRunAlongTransects)
 }
 
 TEST(SpaceDivision, ADenseLawnmowerIsDividedEvenlyWithinTheLimits) {
-  std::vector<Footprint> meshes;
+  std::vector<MeshFootprint> meshes;
   for (int line = 0; line < 60; ++line)
     transect(meshes, line % 2 == 0 ? 0 : 60, line, line % 2 == 0 ? 60 : 0, line);
   const TileGrid grid;
@@ -119,7 +120,7 @@ TEST(SpaceDivision, ADenseLawnmowerIsDividedEvenlyWithinTheLimits) {
 }
 
 TEST(SpaceDivision, ALongTransectIsCutAcrossAndAGapAnyway) {
-  std::vector<Footprint> meshes;
+  std::vector<MeshFootprint> meshes;
   transect(meshes, 0, 0, 400, 0);
   transect(meshes, 5000, 9000, 5400, 9000);
   const TileGrid grid;
@@ -133,7 +134,7 @@ TEST(SpaceDivision, ALongTransectIsCutAcrossAndAGapAnyway) {
 }
 
 TEST(SpaceDivision, AHoverOverOneSpotStaysWholeSinceNoCutWouldMakeItSmaller) {
-  std::vector<Footprint> meshes(1000, around(100, 100));
+  std::vector<MeshFootprint> meshes(1000, around(100, 100));
   transect(meshes, 0, 100, 200, 100);
   const TileGrid grid;
   const DivisionConfig config;
@@ -149,14 +150,14 @@ TEST(SpaceDivision, AHoverOverOneSpotStaysWholeSinceNoCutWouldMakeItSmaller) {
   EXPECT_LE(most, 1000U + 14);
 }
 
-TEST(SpaceDivision, EmptyAndNonsenseFootprintsBelongNowhere) {
+TEST(SpaceDivision, EmptyAndInvalidFootprintsAreInNoPiece) {
   const TileGrid grid;
   const DivisionConfig config;
   EXPECT_TRUE(divideSpace({}, {}, grid, config).empty());
-  const std::vector<Footprint> nothing = {
+  const std::vector<MeshFootprint> nothing = {
       {{1, 1, 0, 0}}, {{kNaN, 0, 1, 1}}, {{0, 0, 1, INFINITY}}, {{-1e300, 0, 1e300, 1}}};
   EXPECT_TRUE(divideSpace(nothing, {{0, 1}, {2, 99}}, grid, config).empty());
-  std::vector<Footprint> some = nothing;
+  std::vector<MeshFootprint> some = nothing;
   some.push_back({{5, 5, 5, 5}});  // a point has a tile
   const auto pieces = divideSpace(some, {{0, 4}}, grid, config);
   ASSERT_EQ(pieces.size(), 1U);
@@ -164,8 +165,8 @@ TEST(SpaceDivision, EmptyAndNonsenseFootprintsBelongNowhere) {
   EXPECT_EQ(pieces[0].core, (TileRange{2, 2, 3, 3}));
 }
 
-TEST(SpaceDivision, TheSameSurveyIsDividedTheSameWay) {
-  std::vector<Footprint> meshes;
+TEST(SpaceDivision, EqualSurveysAreDividedEqually) {
+  std::vector<MeshFootprint> meshes;
   for (int line = 0; line < 250; ++line)
     transect(meshes, line % 2 == 0 ? 0 : 38, 0.8 * line, line % 2 == 0 ? 38 : 0, 0.8 * line);
   ASSERT_GT(meshes.size(), 19000U);

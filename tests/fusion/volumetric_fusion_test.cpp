@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "recon/fusion/cell_statistics.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -214,7 +214,7 @@ TEST(VolumetricFusion, RoughGroundIsKnownBestWhereThePointsAre) {
             1.5);
 }
 
-TEST(VolumetricFusion, AFishIsCarvedAwayByThoseWhoSawThroughIt) {
+TEST(VolumetricFusion, AFishIsCarvedByMeshesSeenThroughIt) {
   const auto flat = [](double, double) { return 2.0; };
   VolumetricConfig config;
   for (const bool carve : {false, true}) {
@@ -239,7 +239,7 @@ TEST(VolumetricFusion, AFishIsCarvedAwayByThoseWhoSawThroughIt) {
 }
 
 TEST(VolumetricFusion, CarvingLeavesWhatOthersSawStanding) {
-  // A step: the upper level is seen by all; nobody saw through it.
+  // A step: all meshes see the upper level, none through it.
   const auto step = [](double n, double) { return n < 0 ? 1.5 : 2.0; };
   VolumetricFusion fusion({});
   for (unsigned k = 0; k < 5; ++k)
@@ -299,8 +299,8 @@ TEST(VolumetricFusion, EveryInstructionSetGivesTheSameBytes) {
 }
 
 TEST(VolumetricFusion, EveryVoxelInReachOfAMeshIsSeenOnce) {
-  // A level seafloor under a camera far off: all rays are vertical, so the voxels' number follows from the
-  // area.
+  // A level seafloor under a camera far off: all rays are vertical, so the voxels' number follows from
+  // the area.
   VolumetricConfig config;
   config.carve = false;
   VolumetricFusion fusion(config);

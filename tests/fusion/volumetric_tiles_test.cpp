@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -19,7 +19,7 @@ using Segment = std::pair<Place, Place>;
 constexpr double kTile = 64 * 0.033;  // [m]
 
 // Steep enough that the surface meets the tiles' borders at many heights.
-double reef(double n, double e) {
+double tileReef(double n, double e) {
   return 2.0 + 0.25 * std::sin(2.1 * n) * std::cos(1.7 * e) + 0.06 * std::sin(9 * n + 4 * e);
 }
 
@@ -36,7 +36,7 @@ std::vector<Scan> survey() {
     for (double n = -3.2; n <= 3.2; n += 0.4) {
       const bool fish = ++seed % 17 == 0;
       const auto depth = [&](double x, double y) {
-        return fish && std::hypot(x - n, y - e) < 0.15 ? 1.2 : reef(x, y);
+        return fish && std::hypot(x - n, y - e) < 0.15 ? 1.2 : tileReef(x, y);
       };
       scans.push_back({rangeMesh({.north = n,
                                   .east = e,
@@ -149,7 +149,7 @@ TEST_F(Tiles, EveryBorderEdgeOfATileOccursOnceInItsNeighbour) {
       for (Segment& s : other) std::swap(s.first, s.second);
       std::sort(own.begin(), own.end());
       std::sort(other.begin(), other.end());
-      // The survey's outline may cross a tile's border: what is the end of all there has no neighbour.
+      // The survey's outline may cross a tile's border, where an edge has no neighbour.
       std::vector<Segment> alone;
       std::set_symmetric_difference(own.begin(), own.end(), other.begin(), other.end(),
                                     std::back_inserter(alone));
@@ -178,7 +178,7 @@ TEST_F(Tiles, SharedVerticesAgreeInPositionNormalAndColour) {
   EXPECT_GT(met_again, 900U);
 }
 
-TEST_F(Tiles, VerticesStandOnTheLatticeAndNoTriangleIsDegenerate) {
+TEST_F(Tiles, VerticesAreOnTheLatticeAndNoTriangleIsDegenerate) {
   const TileGrid grid;
   for (const TileMesh& tile : *whole_) {
     const auto box = grid.box(tile.tile);
@@ -219,7 +219,7 @@ TEST_F(Tiles, TheSurfaceIsThatOfTheSeafloor) {
   for (const TileMesh& tile : *whole_) {
     for (const auto& v : tile.mesh.vertices) {
       if (std::abs(v.x()) > 3 || std::abs(v.y()) > 2.4) continue;
-      const double error = static_cast<double>(v.z()) - reef(v.x(), v.y());
+      const double error = static_cast<double>(v.z()) - tileReef(v.x(), v.y());
       sum += error * error;
       ++count;
     }
@@ -243,8 +243,8 @@ TEST(TileParts, ASmallLoosePartIsLeftOutAndALargeOneKept) {
   }
 }
 
-TEST(TileParts, WhatIsTooThinToTellApartIsKeptWhereItIsLong) {
-  // Little area, but longer than half the overlap: a piece that sees one end cannot know the other.
+TEST(TileParts, LongThinPartsAreKept) {
+  // Little area, but longer than half the overlap: a piece with one end does not have the other.
   VolumetricFusion fusion({});
   fusion.integrate(rangeMesh(
                        {.north = 0, .east = 1, .length = 2, .width = 0.1, .sigma = 0.005},
@@ -257,7 +257,7 @@ TEST(TileParts, TheHaloGivesTheNeighboursToo) {
   VolumetricConfig config;
   config.bounds = {TileGrid{}, {0, 0, 1, 1}};
   VolumetricFusion fusion(config);
-  fusion.integrate(rangeMesh({.north = 1, .east = 2, .length = 2, .width = 2}, reef, 1),
+  fusion.integrate(rangeMesh({.north = 1, .east = 2, .length = 2, .width = 2}, tileReef, 1),
                    Eigen::Vector3d(1, 2, 0));
   EXPECT_EQ(fusion.extractTiles(TileGrid{}).size(), 1U);
   EXPECT_EQ(fusion.extractTiles(TileGrid{}, 1).size(), 2U);

@@ -2,7 +2,7 @@
 #include <span>
 #include <vector>
 
-#include "recon/topside/input/calibration/calibration.hpp"
+#include "recon/import/calibration/calibration.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/calibration_files.hpp"

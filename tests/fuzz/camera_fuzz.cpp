@@ -4,9 +4,9 @@
 #include <cstring>
 #include <vector>
 
-#include "firmware_if/camera/camera_clock_map.hpp"
-#include "firmware_if/camera/frame_id_unwrap.hpp"
-#include "firmware_if/camera/pixel_unpack.hpp"
+#include "firmware_if/devices/camera/camera_clock_map.hpp"
+#include "firmware_if/devices/camera/frame_id_unwrap.hpp"
+#include "firmware_if/devices/camera/pixel_unpack.hpp"
 
 namespace {
 

@@ -1,18 +1,18 @@
-// Frames of every parameter group that samples are made of, from a few addresses, with any bytes: every
-// sample is of finite numbers within its bounds, and the sender that hears the same frames sends what it may
-// and no more.
+// Frames of every parameter group that gives samples, from a few addresses, with any bytes: every sample is
+// of finite numbers within its bounds, and the sender that receives the same frames sends what it may and no
+// more.
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
 #include <variant>
 
-#include "firmware_if/can/n2k_decoder.hpp"
-#include "firmware_if/can/n2k_definitions.hpp"
-#include "firmware_if/can/raw_can.hpp"
-#include "firmware_if/can/samples/n2k_samples.hpp"
-#include "firmware_if/can/send/can_sender.hpp"
-#include "firmware_if/can/send/n2k_encoder.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
+#include "firmware_if/devices/can/n2k_definitions.hpp"
+#include "firmware_if/devices/can/raw_can.hpp"
+#include "firmware_if/devices/can/samples/n2k_samples.hpp"
+#include "firmware_if/devices/can/send/can_sender.hpp"
+#include "firmware_if/devices/can/send/n2k_encoder.hpp"
 
 namespace {
 

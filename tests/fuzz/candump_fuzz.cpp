@@ -2,9 +2,9 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "firmware_if/can/can_command.hpp"
-#include "firmware_if/can/can_text.hpp"
-#include "firmware_if/can/n2k_decoder.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
+#include "firmware_if/devices/capture_commands.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace fathom::io;

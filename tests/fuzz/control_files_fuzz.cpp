@@ -1,7 +1,7 @@
 #include <array>
 #include <string>
 
-#include "recon/topside/input/control/control_points.hpp"
+#include "recon/import/control_points.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;
@@ -35,8 +35,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (!(bar.length > 0) || !(bar.sigma > 0) || bar.from == bar.to) __builtin_trap();
     topside::PairList list;
     list.pairs = {{0, "left/1.png", "right/1.png"}, {1, "2.png", "2r.png"}};
-    for (const auto& seen : topside::sightingsOf(control, list))
-      if (seen.pair > 1 || !seen.pixel.allFinite()) __builtin_trap();
+    for (const auto& sighting : topside::sightingsOf(control, list))
+      if (sighting.pair > 1 || !sighting.pixel.allFinite()) __builtin_trap();
   });
   return 0;
 }

@@ -1,4 +1,5 @@
-// What the ship says, in every state between noise and a frame with a good signature; and the ship's own ear.
+// What the ship says, in every state between noise and a frame with a good signature; and the ship's
+// receiver.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -34,7 +35,7 @@ void message(std::span<const std::uint8_t> bytes) {
   check(size == bytes.size() && std::equal(bytes.begin(), bytes.end(), buffer.begin()));
 }
 
-void hear(std::span<const std::uint8_t> frame, bool properly_signed) {
+void receive(std::span<const std::uint8_t> frame, bool properly_signed) {
   DownlinkReceiver keyed(kIdentity, theKey(), kStart_ns), open(kIdentity, std::nullopt, kStart_ns);
   const auto first = keyed.accept(kStart_ns, frame);
   if (!properly_signed) check(first.verdict != DownlinkVerdict::kAccepted);
@@ -49,7 +50,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (size == 0) return 0;
   const std::span<const std::uint8_t> bytes(data + 1, size - 1);
   message(bytes);
-  hear(bytes, false);
+  receive(bytes, false);
 
   ShipLink ship(std::nullopt, theKey());
   std::array<std::uint8_t, kMaxFrameBytes> out{};
@@ -70,6 +71,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   FrameHeader header;
   header.identity = kIdentity;
   header.type = MessageType::kDownlink;
-  hear(std::span(frame).first(encodeFrame(header, std::span(payload).first(length), frame)), properly_signed);
+  receive(std::span(frame).first(encodeFrame(header, std::span(payload).first(length), frame)),
+          properly_signed);
   return 0;
 }

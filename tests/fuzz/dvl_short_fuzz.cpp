@@ -1,9 +1,9 @@
 // Any bytes, cut in two anywhere, must decode as PD4, PD5 and PD6 the same as in one piece.
 #include <cstdlib>
 
-#include "firmware_if/dvl/dvl_sample.hpp"
-#include "firmware_if/dvl/pd45_decoder.hpp"
-#include "firmware_if/dvl/pd6_decoder.hpp"
+#include "firmware_if/devices/dvl/dvl_sample.hpp"
+#include "firmware_if/devices/dvl/pd45_decoder.hpp"
+#include "firmware_if/devices/dvl/pd6_decoder.hpp"
 
 namespace {
 

@@ -1,4 +1,4 @@
-#include "firmware_if/files/feature_file.hpp"
+#include "firmware_if/mission/feature_file.hpp"
 
 #include <zlib.h>
 

@@ -1,7 +1,7 @@
 #include <string_view>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/slam/g2o_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/solver/batch/g2o_file.hpp"
 
 using namespace fathom;
 

@@ -1,4 +1,4 @@
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 
 #include "tests/fuzz/scratch_file.hpp"
 

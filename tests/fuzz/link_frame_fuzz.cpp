@@ -8,7 +8,6 @@
 #include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
-#include "telemetry/wire/report.hpp"
 #include "telemetry/wire/status.hpp"
 #include "telemetry/wire/track.hpp"
 
@@ -64,7 +63,7 @@ void receive(std::span<const std::uint8_t> data) {
   check(sum == c.frames && delivered <= c.frames * kMaxGroup);
 }
 
-// A modem frame of any bytes, and as the tail of a bundle, gives pieces that lie inside it.
+// A modem frame of any bytes, and as the tail of a bundle, gives pieces inside it.
 void bundles(std::span<const std::uint8_t> data) {
   std::vector<std::uint8_t> bundle{kBundleMark};
   bundle.insert(bundle.end(), data.begin(),
@@ -105,10 +104,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   Status status;
   std::array<std::uint8_t, kStatusBytes> out;
   if (decodeStatus(bytes, status)) check(encodeStatus(status, out) == size);
-  Report report;
-  std::array<std::uint8_t, kReportBytes> told;
-  if (decodeReport(bytes, report))
-    check(encodeReport(report, told) == size && std::equal(bytes.begin(), bytes.end(), told.begin()));
+  StateReport report;
+  std::array<std::uint8_t, kStateReportBytes> encoded_again;
+  if (decodeStateReport(bytes, report))
+    check(encodeStateReport(report, encoded_again) == size &&
+          std::equal(bytes.begin(), bytes.end(), encoded_again.begin()));
   MissionInfo info;
   if (decodeMissionInfo(bytes, info)) check(info.vehicle_name.size() <= kMaxNameBytes);
   track(bytes);

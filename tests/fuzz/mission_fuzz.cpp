@@ -1,4 +1,4 @@
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/mission/mission.hpp"
 
 #include "tests/fuzz/scratch_file.hpp"
 

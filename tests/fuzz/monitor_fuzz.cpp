@@ -6,8 +6,7 @@
 
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
-#include "telemetry/monitor/web/page_requests.hpp"
-#include "telemetry/monitor/web/reports.hpp"
+#include "telemetry/monitor/web/page_api.hpp"
 #include "telemetry/wire/bundle.hpp"
 
 using namespace fathom;
@@ -23,7 +22,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto out = std::span<std::uint8_t>(bundle).first(most);
   telemetry::ModemFrameWriter modem(out, padded);
   const auto flush = [&] {
-    if (const std::size_t used = modem.finish()) model.hear(out.first(used), sequence);
+    if (const std::size_t used = modem.finish()) model.receive(out.first(used), sequence);
     modem = telemetry::ModemFrameWriter(out, padded);
   };
   for (std::size_t at = 0; at + 2 <= size;) {
@@ -35,7 +34,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto link_frame = std::span<const std::uint8_t>(frame).first(frame_size);
     if (modem.room().size() < frame_size) flush();
     if (modem.room().size() < frame_size || frame_size == 0) {
-      model.hear(link_frame, sequence);
+      model.receive(link_frame, sequence);
     } else {
       std::copy(link_frame.begin(), link_frame.end(), modem.room().begin());
       modem.add(frame_size);
@@ -43,7 +42,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     at += 2 + length;
   }
   flush();
-  model.hear(bytes, sequence);
+  model.receive(bytes, sequence);
   monitor::ModelView view;
   (void)monitor::stateJson(shared, view);
   (void)monitor::trackJson(view);

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "firmware_if/can/n2k_decoder.hpp"
-#include "firmware_if/can/n2k_definitions.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
+#include "firmware_if/devices/can/n2k_definitions.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace fathom::io;

@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "recon/topside/input/nav_files/nav_data.hpp"
+#include "recon/import/navigation/nav_data.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;

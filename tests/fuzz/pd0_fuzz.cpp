@@ -1,8 +1,8 @@
 // Any bytes, cut in two anywhere, must decode the same as in one piece, and never more than they hold.
 #include <cstdlib>
 
-#include "firmware_if/dvl/dvl_sample.hpp"
-#include "firmware_if/dvl/pd0_decoder.hpp"
+#include "firmware_if/devices/dvl/dvl_sample.hpp"
+#include "firmware_if/devices/dvl/pd0_decoder.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace fathom::io;

@@ -1,4 +1,4 @@
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 

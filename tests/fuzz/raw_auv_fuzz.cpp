@@ -1,4 +1,4 @@
-#include "firmware_if/log/raw_auv.hpp"
+#include "firmware_if/mission/log/raw_auv.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;

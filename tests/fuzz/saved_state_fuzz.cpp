@@ -4,12 +4,12 @@
 #include <cstring>
 #include <memory>
 
-#include "realtime/kernel/crc32.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
 #include "recon/fusion/quadtree_map.hpp"
-#include "recon/slam/navigation_graph.hpp"
+#include "recon/navigation/graph/navigation_graph.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 
@@ -18,7 +18,7 @@ namespace {
 using fathom::rt::StateReader;
 using fathom::rt::StateSectionHead;
 
-// The sections' lengths and checksums, as a writer would have made them.
+// The sections' lengths and checksums, as a writer writes them.
 void seal(std::vector<std::uint8_t>& bytes) {
   for (std::size_t at = 0; at + sizeof(StateSectionHead) <= bytes.size();) {
     StateSectionHead head;

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <string>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::fuzz {
 
@@ -34,7 +34,7 @@ class ScratchFile {
   std::filesystem::path folder_, path_;
 };
 
-// Runs `work`; the one way out besides success is an InputError of one line.
+// Runs `work`, which must succeed or throw an InputError of one line.
 template <class Work>
 void readsOrRefuses(Work work) {
   try {

@@ -1,15 +1,15 @@
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
 
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/log_inputs.hpp"
-#include "firmware_if/log/log_messages.hpp"
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
+#include "firmware_if/mission/log/log_messages.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "tests/fuzz/scratch_file.hpp"
 
 using namespace fathom;
 
 // Any bytes as sensors.lcmlog, through the reader; and each message of the framing through every decoder, so
-// that the decoders are reached without a right CRC in the way.
+// that the decoders are reached without a right CRC.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const fuzz::ScratchFile file("sensors.lcmlog");
   file.write(data, size);

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <array>
 
-#include "firmware_if/modem/slip.hpp"
+#include "firmware_if/devices/modem/slip.hpp"
 
 using namespace fathom;
 

@@ -30,9 +30,9 @@ StereoRig rigBehindPorts() {
           SE3::fromEuler(0.002, -0.004, 0.001, {-0.12, 0.001, -0.002})};
 }
 
-// Fermat: light takes the quickest way, so the optical path through two points of the faces is shortest.
-// Found by walking, not by Snell's law.
-Eigen::Vector3d quickestInAir(const FlatPort& p, const Eigen::Vector3d& point) {
+// Fermat's principle: the optical path through a point of each face is the shortest. Found by descent,
+// without Snell's law.
+Eigen::Vector3d shortestPathInAir(const FlatPort& p, const Eigen::Vector3d& point) {
   const Eigen::Vector3d across = (point - p.normal.dot(point) * p.normal);
   const double far = across.norm(), along = p.normal.dot(point);
   const auto path = [&](double inner, double outer) {
@@ -48,11 +48,11 @@ Eigen::Vector3d quickestInAir(const FlatPort& p, const Eigen::Vector3d& point) {
   return inner * across.normalized() + p.distance * p.normal;
 }
 
-TEST(FlatPort, ProjectsAlongTheQuickestWay) {
+TEST(FlatPort, ProjectsAlongTheShortestOpticalPath) {
   const FlatPort p = port();
   for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.6, -0.4, 1.6), Eigen::Vector3d(-0.3, 0.5, 2.2),
                                        Eigen::Vector3d(0.05, 0.02, 0.5), Eigen::Vector3d(1.2, 0.9, 4)})
-    EXPECT_LT((p.project(point) - p.air.project(quickestInAir(p, point))).norm(), 0.02);
+    EXPECT_LT((p.project(point) - p.air.project(shortestPathInAir(p, point))).norm(), 0.02);
 }
 
 TEST(FlatPort, RayLeadsBackToThePoint) {
@@ -113,7 +113,7 @@ TEST(FlatPort, ScaledKeepsItsDirections) {
   EXPECT_LT((half.project(point) - (0.5 * full - Eigen::Vector2d::Constant(0.25))).norm(), 1e-9);
 }
 
-TEST(FlatPort, LiesBesideItsCalibration) {
+TEST(FlatPort, IsWrittenBesideItsCalibration) {
   const test::TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "stereo.calib";
   const StereoRig rig = rigBehindPorts();
@@ -129,7 +129,7 @@ TEST(FlatPort, LiesBesideItsCalibration) {
   EXPECT_FALSE(std::filesystem::exists(portsBeside(path)));
 }
 
-TEST(FlatPort, RefusesWhatCannotBe) {
+TEST(FlatPort, RefusesNumbersOutOfRange) {
   const test::TemporaryFolder folder;
   const std::filesystem::path path = folder.path() / "stereo.calib";
   writeStereoCalib(path, rigBehindPorts());

@@ -4,18 +4,17 @@
 #include <proj.h>
 
 #include <cstdio>
-#include <numbers>
+
+#include "realtime/base/units.hpp"
 
 namespace fathom {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0;
 
 // PROJ's transverse Mercator with the origin to the last digit.
 Eigen::Vector2d byProj(const Geodetic& origin, const Geodetic& position) {
   char definition[200];
   std::snprintf(definition, sizeof definition, "+proj=tmerc +ellps=WGS84 +k=1 +lat_0=%.15g +lon_0=%.15g",
-                origin.latitude / kDegree, origin.longitude / kDegree);
+                origin.latitude / kRadiansPerDegree, origin.longitude / kRadiansPerDegree);
   PJ* pj = proj_create(PJ_DEFAULT_CTX, definition);
   const PJ_COORD xy = proj_trans(pj, PJ_FWD, proj_coord(position.longitude, position.latitude, 0, 0));
   proj_destroy(pj);
@@ -24,12 +23,13 @@ Eigen::Vector2d byProj(const Geodetic& origin, const Geodetic& position) {
 
 TEST(LocalTransverseMercator, AgreesWithProjWithinATenthOfAMillimetre) {
   for (const Geodetic origin :
-       {Geodetic{-31.8 * kDegree, 115.4 * kDegree}, Geodetic{36.5 * kDegree, 22.9 * kDegree},
-        Geodetic{70.1 * kDegree, -179.99 * kDegree}, Geodetic{0.0, 0.0}}) {
+       {Geodetic{-31.8 * kRadiansPerDegree, 115.4 * kRadiansPerDegree},
+        Geodetic{36.5 * kRadiansPerDegree, 22.9 * kRadiansPerDegree},
+        Geodetic{70.1 * kRadiansPerDegree, -179.99 * kRadiansPerDegree}, Geodetic{0.0, 0.0}}) {
     const LocalTransverseMercator local(origin);
     for (const double d_lat : {-0.3, 0.0, 0.001, 0.2}) {
       for (const double d_lon : {-0.4, 0.0, 0.002, 0.3}) {
-        Geodetic p{origin.latitude + d_lat * kDegree, origin.longitude + d_lon * kDegree};
+        Geodetic p{origin.latitude + d_lat * kRadiansPerDegree, origin.longitude + d_lon * kRadiansPerDegree};
         EXPECT_LT((local.toLocal(p) - byProj(origin, p)).norm(), 1e-4) << d_lat << ' ' << d_lon;
       }
     }
@@ -37,7 +37,7 @@ TEST(LocalTransverseMercator, AgreesWithProjWithinATenthOfAMillimetre) {
 }
 
 TEST(LocalTransverseMercator, RoundTripsToMicrometres) {
-  const LocalTransverseMercator local({-31.8 * kDegree, 115.4 * kDegree});
+  const LocalTransverseMercator local({-31.8 * kRadiansPerDegree, 115.4 * kRadiansPerDegree});
   for (const Eigen::Vector2d& p :
        {Eigen::Vector2d(0, 0), Eigen::Vector2d(1234.5, -987.6), Eigen::Vector2d(-40e3, 60e3)})
     EXPECT_LT((local.toLocal(local.toGeodetic(p)) - p).norm(), 1e-6);

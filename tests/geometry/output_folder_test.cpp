@@ -1,4 +1,4 @@
-#include "recon/geometry/output_folder.hpp"
+#include "realtime/base/files/output_folder.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -80,9 +80,9 @@ TEST_F(OutputFolderTest, TheNewOneTakesTheOldOnesPlaceWithAndWithoutExchange) {
 }
 
 TEST_F(OutputFolderTest, WhereFoldersCannotBeExchangedTheOldOneIsNeverGoneBeforeTheNewOneStands) {
-  // Its new name is taken: the step after the failed exchange cannot be done.
+  // The new name is taken, so that the step after the failed exchange fails.
   EXPECT_ANY_THROW(makeNew([&](const fs::path&, const fs::path&) {
-    test::writeText(aside_ / "in the way", "");
+    test::writeText(aside_ / "blocked", "");
     return false;
   }));
   EXPECT_EQ(test::readText(out_ / "mesh.ply"), "old");
@@ -111,7 +111,7 @@ TEST_F(OutputFolderTest, ASecondProgramIsRefusedAndTheFirstKeepsItsWork) {
   EXPECT_EQ(test::readText(out_ / "mesh.ply"), "new");
 }
 
-TEST_F(OutputFolderTest, WhatSomebodyKeepsUnderTheTemporaryNamesIsNamedAndStays) {
+TEST_F(OutputFolderTest, ForeignFilesUnderTheTemporaryNamesAreNamedAndStay) {
   for (const fs::path& folder : {temporary_, aside_}) {
     test::writeText(folder / "notes.txt", "years of work");
     EXPECT_THAT(refused(), HasSubstr(folder.filename().string() + ": notes.txt"));
@@ -144,7 +144,7 @@ TEST_F(OutputFolderTest, WorkThatOutlivesItsProgramIsThereUntilItStandsInItsPlac
     OutputFolder folder(out_, kOurs, {.outlives = true, .reopen = false});
     test::writeText(folder.path() / "mesh.ply", "new");
     folder.commit([&](const fs::path&, const fs::path&) {
-      test::writeText(aside_ / "in the way", "");
+      test::writeText(aside_ / "blocked", "");
       return false;
     });
   });

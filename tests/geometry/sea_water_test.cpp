@@ -1,15 +1,18 @@
 #include "recon/geometry/sea_water.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
+
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom {
 namespace {
 
 TEST(SeaWater, DepthMatchesTheCheckValueOfTheUnescoPaper) {
-  EXPECT_NEAR(depthFromPressure(1e8, 30.0 * std::numbers::pi / 180), 9712.653, 0.001);
+  EXPECT_NEAR(depthFromPressure(1e8, degreesToRadians(30.0)), 9712.653, 0.001);
   EXPECT_EQ(depthFromPressure(0, 0.5), 0);
 }
 
@@ -52,6 +55,26 @@ TEST(SeaWater, SalinityMatchesTheCheckValuesOfTheUnescoPaper) {
   EXPECT_TRUE(std::isnan(practicalSalinity(0.001, 15, 0)));
   EXPECT_TRUE(std::isnan(practicalSalinity(4, 60, 0)));
   EXPECT_TRUE(std::isnan(practicalSalinity(std::nan(""), 15, 0)));
+}
+
+constexpr std::int64_t kStart = 1'700'000'000'000'000'000;  // [ns]
+
+TEST(Tide, IsTheSinusoidOfTheMissionFromItsStartOn) {
+  const auto tide = readTide("sinusoid amplitude_m=1.5 period_s=1200 phase_rad=0.5", kStart);
+  ASSERT_TRUE(tide);
+  EXPECT_NEAR(tide->heightAt(kStart), 1.5 * std::sin(0.5), 1e-9);
+  EXPECT_NEAR(tide->heightAt(kStart + 300'000'000'000), 1.5 * std::cos(0.5), 1e-6);
+}
+
+TEST(Tide, AModelThatIsNotKnownIsRefusedWithTheFormThatIs) {
+  try {
+    (void)readTide("harmonic", kStart);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::AllOf(::testing::HasSubstr("tide_model"),
+                                               ::testing::HasSubstr("sinusoid amplitude_m=A")));
+  }
+  EXPECT_FALSE(readTide("none", kStart));
 }
 
 }  // namespace

@@ -15,13 +15,13 @@ StereoRig surveyRig() {
   return {c, c, SE3::fromEuler(0.001, 0.004, -0.002, {-0.0695, -0.0001, -0.0007})};
 }
 
-std::filesystem::path write(const TemporaryFolder& folder, const std::string& text) {
+std::filesystem::path calibFile(const TemporaryFolder& folder, const std::string& text) {
   const auto path = folder.path() / "stereo.calib";
   test::writeText(path, text);
   return path;
 }
 
-std::string refusal(const std::filesystem::path& path) {
+std::string calibRefusal(const std::filesystem::path& path) {
   return test::refusal([&] { (void)readStereoCalib(path); });
 }
 
@@ -51,20 +51,21 @@ TEST(StereoCalib, RoundTripsWithAndWithoutTheThirdRadialTerm) {
 
 TEST(StereoCalib, RefusesBadFilesNamingTheNumber) {
   const TemporaryFolder folder;
-  EXPECT_NE(refusal(folder.path() / "absent.calib"), "");
-  EXPECT_NE(refusal(write(folder, "")).find("holds 0 numbers"), std::string::npos);
-  EXPECT_NE(refusal(write(folder, "2 1360 1024 17")).find("holds 4 numbers"), std::string::npos);
-  EXPECT_NE(refusal(write(folder, "2 1360 fish")).find("number 3"), std::string::npos);
-  EXPECT_NE(refusal(write(folder, "2 1360 nan")).find("number 3"), std::string::npos);
+  EXPECT_NE(calibRefusal(folder.path() / "absent.calib"), "");
+  EXPECT_NE(calibRefusal(calibFile(folder, "")).find("holds 0 numbers"), std::string::npos);
+  EXPECT_NE(calibRefusal(calibFile(folder, "2 1360 1024 17")).find("holds 4 numbers"), std::string::npos);
+  EXPECT_NE(calibRefusal(calibFile(folder, "2 1360 fish")).find("number 3"), std::string::npos);
+  EXPECT_NE(calibRefusal(calibFile(folder, "2 1360 nan")).find("number 3"), std::string::npos);
 
   writeStereoCalib(folder.path() / "good.calib", surveyRig());
   const std::string good = test::readText(folder.path() / "good.calib");
-  EXPECT_EQ(refusal(write(folder, good)), "");
-  EXPECT_NE(refusal(write(folder, "3" + good.substr(1))).find("number of cameras"), std::string::npos);
-  EXPECT_NE(refusal(write(folder, "2\n-5" + good.substr(6))).find("image size"), std::string::npos);
+  EXPECT_EQ(calibRefusal(calibFile(folder, good)), "");
+  EXPECT_NE(calibRefusal(calibFile(folder, "3" + good.substr(1))).find("number of cameras"),
+            std::string::npos);
+  EXPECT_NE(calibRefusal(calibFile(folder, "2\n-5" + good.substr(6))).find("image size"), std::string::npos);
 }
 
-TEST(Triangulation, MidpointRecoversAPointSeenThroughBothDistortedCameras) {
+TEST(Triangulation, MidpointRecoversAPointFromTwoDistortedCameras) {
   const StereoRig rig = surveyRig();
   const Eigen::Vector3d truth(0.3, -0.2, 2.1);
   Eigen::Vector3d point;

@@ -1,4 +1,4 @@
-#include "realtime/kernel/arena.hpp"
+#include "realtime/kernel/memory/arena.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,4 +1,4 @@
-#include "realtime/kernel/tiers/arming.hpp"
+#include "realtime/kernel/threads/arming.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,6 +11,7 @@
 #include <functional>
 #include <string>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "tests/support/heap_counter.hpp"
 
@@ -19,8 +20,6 @@ namespace {
 
 using testing::HasSubstr;
 using testing::Not;
-
-constexpr std::size_t kMib = 1 << 20;
 
 // What `body` says in a process of its own that has lost every privilege, so that nothing stays behind.
 std::string asNobody(const std::function<std::string()>& body) {
@@ -56,14 +55,14 @@ class Arming : public testing::Test {
     if (test::sanitized()) GTEST_SKIP() << "sanitizers refuse mlockall and fork badly";
   }
   void TearDown() override { ::munlockall(); }
-  MemoryBudget budget_{256 * kMib};
+  MemoryBudget budget_{256 * kMebibyte};
   RealtimeConfig config_;
   HeapReserve heap_;
 };
 
 TEST_F(Arming, WithoutPrivilegesFailsAndSaysWhatTheUnitMustGrant) {
-  budget_.add("pools", kMib);
-  const std::string message = asNobody([&] { return arm(config_, budget_, heap_, kMib).message(); });
+  budget_.add("pools", kMebibyte);
+  const std::string message = asNobody([&] { return arm(config_, budget_, heap_, kMebibyte).message(); });
   EXPECT_THAT(message, HasSubstr("not armed"));
   EXPECT_THAT(message, HasSubstr("SCHED_FIFO: priority 80 refused"));
   EXPECT_THAT(message, HasSubstr("LimitRTPRIO=80"));
@@ -72,17 +71,17 @@ TEST_F(Arming, WithoutPrivilegesFailsAndSaysWhatTheUnitMustGrant) {
   EXPECT_THAT(message, HasSubstr("--soft"));
 }
 
-TEST_F(Arming, SoftModeGoesOnWithoutAndSaysSo) {
+TEST_F(Arming, SoftModeContinuesWithoutAndReportsIt) {
   config_.soft = true;
   const std::string message = asNobody([&] {
-    const ArmingResult result = arm(config_, budget_, heap_, kMib);
+    const ArmingResult result = arm(config_, budget_, heap_, kMebibyte);
     return (result.armed() ? "armed|" : "refused|") + result.missingNames() + "|" + result.message();
   });
   EXPECT_THAT(message, HasSubstr("armed|SCHED_FIFO, locked memory|armed in soft mode, without real time:"));
 }
 
 TEST_F(Arming, APlanBeyondTheBudgetIsRefused) {
-  budget_.add("tiles", 300 * kMib);
+  budget_.add("tiles", 300 * kMebibyte);
   const ArmingResult result = checkArming(config_, budget_);
   EXPECT_FALSE(result.armed());
   EXPECT_THAT(result.missingNames(), HasSubstr("memory budget"));
@@ -108,7 +107,7 @@ TEST_F(Arming, NotesWhatTheKernelIsWithoutFailingForIt) {
 
 TEST_F(Arming, WhereAllIsGrantedMemoryIsLockedAndNewMemoryComesWithoutFaults) {
   MemoryBudget budget(std::size_t{1} << 40);
-  const ArmingResult result = arm(config_, budget, heap_, kMib);
+  const ArmingResult result = arm(config_, budget, heap_, kMebibyte);
   if (!result.armed()) GTEST_SKIP() << result.message();
   EXPECT_EQ(result.message(), "");
   ProcessMemory memory;
@@ -118,17 +117,17 @@ TEST_F(Arming, WhereAllIsGrantedMemoryIsLockedAndNewMemoryComesWithoutFaults) {
 
   // The system makes the pages resident while it maps them, and counts that as the caller's faults.
   auto* page = static_cast<volatile char*>(
-      ::mmap(nullptr, kMib, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+      ::mmap(nullptr, kMebibyte, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
   ASSERT_NE(page, MAP_FAILED);
   const test::ThreadCost before = test::threadCost();
-  for (std::size_t i = 0; i < kMib; i += 4096) page[i] = 1;
+  for (std::size_t i = 0; i < kMebibyte; i += 4096) page[i] = 1;
   const test::ThreadCost cost = test::threadCost() - before;
-  ::munmap(const_cast<char*>(page), kMib);
+  ::munmap(const_cast<char*>(page), kMebibyte);
   EXPECT_EQ(cost.minor_faults + cost.major_faults, 0u);
 }
 
 TEST_F(Arming, AResidentSetBeyondTheBudgetIsRefused) {
-  MemoryBudget tiny(kMib);
+  MemoryBudget tiny(kMebibyte);
   const std::string names = arm(config_, tiny, heap_, 0).missingNames();
   EXPECT_THAT(names, HasSubstr("resident set"));
 }

@@ -1,4 +1,4 @@
-#include "realtime/kernel/broadcast_ring.hpp"
+#include "realtime/kernel/rings/broadcast_ring.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/mman.h>
@@ -11,7 +11,7 @@
 #include <system_error>
 #include <thread>
 
-#include "realtime/kernel/shared_memory.hpp"
+#include "realtime/kernel/memory/shared_memory.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -139,7 +139,7 @@ TEST(SharedMemory, ARingInItCrossesToAnotherProcessThatIsKilledInTheMiddle) {
     EXPECT_TRUE(value.whole());
   }
   record->write(Wide::of(5));
-  ASSERT_TRUE(record->read(value)) << "the next writer goes on";
+  ASSERT_TRUE(record->read(value)) << "the next writer continues";
   EXPECT_EQ(value.same[0], 5U);
 }
 

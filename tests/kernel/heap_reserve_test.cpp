@@ -9,13 +9,12 @@
 #include <thread>
 #include <vector>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::rt {
 namespace {
-
-constexpr std::size_t kMib = 1 << 20;
 
 // Allocates as vision does: images of some MiB and many small things, at most `live` bytes at once, each
 // written whole.
@@ -25,7 +24,7 @@ void work(std::uint64_t seed, std::size_t live, int rounds) {
   held.reserve(4096);
   std::size_t total = 0;
   for (int i = 0; i < rounds; ++i) {
-    const std::size_t bytes = i % 10 == 0 ? kMib + random() % (2 * kMib) : 16 + random() % 4000;
+    const std::size_t bytes = i % 10 == 0 ? kMebibyte + random() % (2 * kMebibyte) : 16 + random() % 4000;
     while (!held.empty() && (total + bytes > live || held.size() == held.capacity())) {
       const std::size_t which = random() % held.size();
       std::free(held[which].first);
@@ -51,14 +50,14 @@ class HeapReserveTest : public testing::Test {
 };
 
 TEST_F(HeapReserveTest, WorkThatFitsNeitherGrowsTheResidentSetNorFaults) {
-  work(1, 12 * kMib, 200);  // the test's own first use
-  std::thread(work, 2, 12 * kMib, 200).join();
+  work(1, 12 * kMebibyte, 200);  // the test's own first use
+  std::thread(work, 2, 12 * kMebibyte, 200).join();
   HeapReserve heap;
-  ASSERT_TRUE(heap.reserve(64 * kMib));
+  ASSERT_TRUE(heap.reserve(64 * kMebibyte));
   const std::size_t before = exactResidentBytes();
   rusage faults_before{}, faults_after{};
   ::getrusage(RUSAGE_SELF, &faults_before);
-  for (std::uint64_t round = 0; round < 20; ++round) work(round, 24 * kMib, 500);
+  for (std::uint64_t round = 0; round < 20; ++round) work(round, 24 * kMebibyte, 500);
   ::getrusage(RUSAGE_SELF, &faults_after);
   EXPECT_EQ(heap.overflowBytes(), 0u);
   EXPECT_EQ(exactResidentBytes(), before);
@@ -66,11 +65,11 @@ TEST_F(HeapReserveTest, WorkThatFitsNeitherGrowsTheResidentSetNorFaults) {
 }
 
 TEST_F(HeapReserveTest, AllThreadsShareTheReserve) {
-  work(1, 4 * kMib, 100);
+  work(1, 4 * kMebibyte, 100);
   HeapReserve heap;
-  ASSERT_TRUE(heap.reserve(64 * kMib));
+  ASSERT_TRUE(heap.reserve(64 * kMebibyte));
   {
-    std::thread a(work, 3, 12 * kMib, 1000), b(work, 4, 12 * kMib, 1000);
+    std::thread a(work, 3, 12 * kMebibyte, 1000), b(work, 4, 12 * kMebibyte, 1000);
     a.join();
     b.join();
   }
@@ -79,10 +78,10 @@ TEST_F(HeapReserveTest, AllThreadsShareTheReserve) {
 
 TEST_F(HeapReserveTest, WhatDoesNotFitIsGivenAndSeen) {
   HeapReserve heap;
-  ASSERT_TRUE(heap.reserve(8 * kMib));
+  ASSERT_TRUE(heap.reserve(8 * kMebibyte));
   EXPECT_EQ(heap.overflowBytes(), 0u);
   // Larger than everything that earlier tests have left in the heap.
-  const std::size_t bytes = HeapReserve::heapBytes() + kMib;
+  const std::size_t bytes = HeapReserve::heapBytes() + kMebibyte;
   void* memory = std::malloc(bytes);
   ASSERT_NE(memory, nullptr);
   EXPECT_GE(heap.usedOfReserve(), bytes);

@@ -1,4 +1,4 @@
-#include "realtime/kernel/latest_value.hpp"
+#include "realtime/kernel/rings/latest_value.hpp"
 
 #include <gtest/gtest.h>
 

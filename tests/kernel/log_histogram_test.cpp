@@ -1,4 +1,4 @@
-#include "realtime/kernel/log_histogram.hpp"
+#include "realtime/base/numbers/log_histogram.hpp"
 
 #include <gtest/gtest.h>
 

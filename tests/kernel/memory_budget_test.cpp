@@ -1,29 +1,30 @@
-#include "realtime/kernel/memory/memory_budget.hpp"
-
 #include <gtest/gtest.h>
 
 #include <string>
 
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/memory/arena.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
+#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/shared_memory.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::rt {
 namespace {
 
-constexpr std::size_t kMib = 1 << 20;
-
 TEST(MemoryBudget, SumsThePlansAndSaysWhetherTheyFit) {
-  MemoryBudget budget(10 * kMib);
+  MemoryBudget budget(10 * kMebibyte);
   EXPECT_TRUE(budget.fits());
-  budget.add("tiles", 6 * kMib);
-  budget.addFixed("stacks", 4 * kMib);
-  EXPECT_EQ(budget.plannedBytes(), 10 * kMib);
+  budget.add("tiles", 6 * kMebibyte);
+  budget.addFixed("stacks", 4 * kMebibyte);
+  EXPECT_EQ(budget.plannedBytes(), 10 * kMebibyte);
   EXPECT_TRUE(budget.fits());
   budget.add("slots", 1);
   EXPECT_FALSE(budget.fits());
 }
 
 TEST(MemoryBudget, ReadsAGaugeACallbackAndAFixedPool) {
-  MemoryBudget budget(10 * kMib);
+  MemoryBudget budget(10 * kMebibyte);
   PoolGauge& tiles = budget.add("tiles", 100);
   budget.add("ring", 50, [] { return PoolUse{20, 30, 2}; });
   budget.addFixed("stacks", 40);
@@ -40,7 +41,7 @@ TEST(MemoryBudget, ReadsAGaugeACallbackAndAFixedPool) {
 }
 
 TEST(MemoryBudget, AGaugeStaysWhereItIsWhilePoolsAreAdded) {
-  MemoryBudget budget(kMib);
+  MemoryBudget budget(kMebibyte);
   PoolGauge& first = budget.add("first", 1);
   for (int i = 0; i < 100; ++i) budget.add("more", 1);
   first.set(1);
@@ -48,10 +49,10 @@ TEST(MemoryBudget, AGaugeStaysWhereItIsWhilePoolsAreAdded) {
 }
 
 TEST(MemoryBudget, PrintsTheLargestPoolFirstAndTheTotal) {
-  MemoryBudget budget(768 * kMib);
-  budget.add("small", 1 * kMib);
-  PoolGauge& large = budget.add("large", 600 * kMib);
-  large.set(300 * kMib, 7);
+  MemoryBudget budget(768 * kMebibyte);
+  budget.add("small", 1 * kMebibyte);
+  PoolGauge& large = budget.add("large", 600 * kMebibyte);
+  large.set(300 * kMebibyte, 7);
   const std::string plan = budget.table(false), measured = budget.table(true);
   EXPECT_LT(plan.find("large"), plan.find("small"));
   EXPECT_NE(plan.find("601.00 of 768.00 MiB, fits"), std::string::npos) << plan;
@@ -60,7 +61,7 @@ TEST(MemoryBudget, PrintsTheLargestPoolFirstAndTheTotal) {
 }
 
 TEST(MemoryBudget, ReadingTakesNoHeap) {
-  MemoryBudget budget(kMib);
+  MemoryBudget budget(kMebibyte);
   budget.add("tiles", 100).set(3);
   budget.add("ring", 50, [] { return PoolUse{1, 1, 0}; });
   const test::ThreadCost before = test::threadCost();
@@ -68,6 +69,44 @@ TEST(MemoryBudget, ReadingTakesNoHeap) {
   for (std::size_t i = 0; i < budget.pools(); ++i) used += budget.read(i).use.used;
   EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
   EXPECT_EQ(used, 4u);
+}
+
+}  // namespace
+
+namespace {
+
+TEST(ProcessMemory, SeesMemoryThatIsTaken) {
+  constexpr std::size_t kBytes = std::size_t{32} << 20;
+  ProcessMemory memory;
+  ProcessFigures before, after;
+  ASSERT_TRUE(memory.read(before));
+  const std::size_t exact_before = exactResidentBytes();
+  const Arena arena(kBytes);
+  ASSERT_TRUE(memory.read(after));
+  EXPECT_GE(after.resident, before.resident + kBytes / 2);
+  EXPECT_GE(after.resident_private, before.resident_private + kBytes / 2);
+  EXPECT_GE(exactResidentBytes(), exact_before + kBytes);
+  EXPECT_GE(after.minor_faults + after.major_faults, before.minor_faults + before.major_faults);
+  EXPECT_GT(after.resident_files, 0u);
+  EXPECT_GE(after.highest_resident, kBytes);
+}
+
+TEST(ProcessMemory, MemoryThatProcessesShareIsNoFile) {
+  constexpr std::size_t kBytes = std::size_t{32} << 20;
+  const std::size_t before = mappedFileBytes();
+  EXPECT_GT(privateFileBytes(), 0u);
+  EXPECT_LT(privateFileBytes(), before);
+  const SharedMemory shared(kBytes);
+  EXPECT_EQ(mappedFileBytes(), before);
+}
+
+TEST(ProcessMemory, ReadsWithoutHeap) {
+  ProcessMemory memory;
+  ProcessFigures figures;
+  const test::ThreadCost before = test::threadCost();
+  ASSERT_TRUE(memory.read(figures));
+  EXPECT_GT(exactResidentBytes(), 0u);
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
 }
 
 }  // namespace

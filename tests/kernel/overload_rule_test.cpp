@@ -1,4 +1,4 @@
-#include "realtime/kernel/tiers/overload_rule.hpp"
+#include "realtime/kernel/threads/overload_rule.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,10 +11,11 @@
 namespace fathom::rt {
 namespace {
 
-constexpr std::int64_t kPeriod = 500'000'000;
+constexpr std::int64_t kPairPeriod = 500'000'000;
 
 OverloadRule::Observation frame(double share_of_period, int waiting = 0) {
-  return {kPeriod, static_cast<std::int64_t>(share_of_period * static_cast<double>(kPeriod)), waiting, 0};
+  return {kPairPeriod, static_cast<std::int64_t>(share_of_period * static_cast<double>(kPairPeriod)), waiting,
+          0};
 }
 
 // A vision tier on virtual time: pairs come every period into a queue of eight, a frame at `level` takes
@@ -30,8 +31,8 @@ struct Simulated {
   void pairs(int count, Cost cost) {
     for (int i = 0; i < count; ++i) {
       const int waiting = static_cast<int>(queue_s);
-      const auto decided = rule.decide({kPeriod, static_cast<std::int64_t>(last * kPeriod), waiting,
-                                        static_cast<std::int64_t>(queue_s * kPeriod)});
+      const auto decided = rule.decide({kPairPeriod, static_cast<std::int64_t>(last * kPairPeriod), waiting,
+                                        static_cast<std::int64_t>(queue_s * kPairPeriod)});
       levels.push_back(static_cast<int>(decided.level));
       if (decided.drop) {
         ++dropped;

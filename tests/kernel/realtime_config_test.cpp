@@ -1,8 +1,8 @@
-#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
 
 #include <gtest/gtest.h>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "tests/support/text_files.hpp"
 

@@ -1,4 +1,4 @@
-#include "realtime/kernel/tiers/service_notify.hpp"
+#include "realtime/kernel/threads/service_notify.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -10,7 +10,7 @@
 #include <cstring>
 #include <string>
 
-#include "realtime/kernel/tiers/cpu_wake_limit.hpp"
+#include "realtime/kernel/threads/arming.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::rt {
@@ -33,7 +33,7 @@ class ServiceManager {
   }
   ServiceManager(const ServiceManager&) = delete;
   ServiceManager& operator=(const ServiceManager&) = delete;
-  [[nodiscard]] std::string heard() const {
+  [[nodiscard]] std::string received() const {
     std::array<char, 512> buffer{};
     const ssize_t got = ::recv(socket_, buffer.data(), buffer.size(), 0);
     return got < 0 ? "" : std::string(buffer.data(), static_cast<std::size_t>(got));
@@ -48,17 +48,17 @@ class ServiceManager {
 TEST(ServiceNotify, TellsTheServiceManagerWhatItMustKnow) {
   const ServiceManager manager;
   ServiceNotify::ready("armed, 100 Hz");
-  EXPECT_EQ(manager.heard(), "READY=1\nSTATUS=armed, 100 Hz");
+  EXPECT_EQ(manager.received(), "READY=1\nSTATUS=armed, 100 Hz");
   ServiceNotify::alive();
-  EXPECT_EQ(manager.heard(), "WATCHDOG=1");
+  EXPECT_EQ(manager.received(), "WATCHDOG=1");
   ServiceNotify::stopping();
-  EXPECT_EQ(manager.heard(), "STOPPING=1");
+  EXPECT_EQ(manager.received(), "STOPPING=1");
 }
 
 TEST(ServiceNotify, AStatusCannotCarryAnotherMessage) {
   const ServiceManager manager;
   ServiceNotify::status("two\nREADY=1");
-  EXPECT_EQ(manager.heard(), "STATUS=two READY=1");
+  EXPECT_EQ(manager.received(), "STATUS=two READY=1");
 }
 
 TEST(ServiceNotify, WithoutAServiceManagerNothingHappens) {

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
 #include "tests/support/program_run.hpp"
 
 namespace fathom::rt {

@@ -1,4 +1,4 @@
-#include "realtime/kernel/shared_blocks.hpp"
+#include "realtime/kernel/rings/shared_blocks.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <system_error>
 #include <thread>
 
-#include "realtime/kernel/spsc_ring.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
 
 namespace fathom::rt {
 namespace {

@@ -1,4 +1,4 @@
-#include "realtime/kernel/spsc_ring.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
 
 #include <gtest/gtest.h>
 

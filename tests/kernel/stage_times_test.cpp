@@ -1,27 +1,29 @@
-#include "realtime/kernel/health/stage_times.hpp"
-
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include <array>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/health/stage_times.hpp"
+#include "realtime/kernel/health/system_status.hpp"
 #include "realtime/kernel/health/trace_json.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/test_data.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::rt {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::array<StageSpec, 2> kStages{{{"drain", 0}, {"step", 2 * kMs}}};
+constexpr std::array<StageSpec, 2> kStages{{{"drain", 0}, {"step", 2 * kMillisecond_ns}}};
 
 TEST(StageTimes, SummarisesEachStageByItself) {
   StageTimes times(kStages);
   for (int i = 1; i <= 100; ++i) {
     times.add(0, 0, i * 1000);
-    times.add(1, 10, 10 + (i <= 97 ? kMs : 3 * kMs));
+    times.add(1, 10, 10 + (i <= 97 ? kMillisecond_ns : 3 * kMillisecond_ns));
   }
   const StageSummary drain = times.summary(0), step = times.summary(1);
   EXPECT_STREQ(drain.name, "drain");
@@ -31,8 +33,8 @@ TEST(StageTimes, SummarisesEachStageByItself) {
   EXPECT_NEAR(static_cast<double>(drain.p50_ns), 50'000, 50'000 / 16.0);
   EXPECT_EQ(drain.misses, 0u);
   EXPECT_EQ(step.misses, 3u);
-  EXPECT_EQ(step.max_ns, 3 * kMs);
-  EXPECT_EQ(step.p99_ns, 3 * kMs);
+  EXPECT_EQ(step.max_ns, 3 * kMillisecond_ns);
+  EXPECT_EQ(step.p99_ns, 3 * kMillisecond_ns);
 }
 
 TEST(StageTimes, AReaderGetsWhatWasPublishedAndNothingBefore) {
@@ -92,16 +94,19 @@ TEST(TimelineTrack, AReaderGetsWholeEventsWhileAnotherThreadWrites) {
 nlohmann::json oneSecond(int slowest) {
   TraceThread nav;
   nav.name = "navigation";
-  nav.period_ns = nav.deadline_ns = 10 * kMs;
+  nav.period_ns = nav.deadline_ns = 10 * kMillisecond_ns;
   nav.stages = {"cycle"};
   for (int i = 0; i < 100; ++i)
-    nav.events.push_back({0, i * 10 * kMs, i * 10 * kMs + (i == 50 ? slowest : 1) * kMs});
+    nav.events.push_back(
+        {0, i * 10 * kMillisecond_ns, i * 10 * kMillisecond_ns + (i == 50 ? slowest : 1) * kMillisecond_ns});
   TraceThread vision;
   vision.name = "vision \"left\"";
   vision.stages = {"frame", "stereo"};
-  vision.events = {
-      {1, 12 * kMs, 30 * kMs}, {0, 10 * kMs, 70 * kMs}, {7, 60 * kMs, 80 * kMs}, {1, 75 * kMs, 76 * kMs}};
-  return nlohmann::json::parse(traceJson("dive", std::vector{nav, vision}, 0, 1000 * kMs));
+  vision.events = {{1, 12 * kMillisecond_ns, 30 * kMillisecond_ns},
+                   {0, 10 * kMillisecond_ns, 70 * kMillisecond_ns},
+                   {7, 60 * kMillisecond_ns, 80 * kMillisecond_ns},
+                   {1, 75 * kMillisecond_ns, 76 * kMillisecond_ns}};
+  return nlohmann::json::parse(traceJson("dive", std::vector{nav, vision}, 0, 1000 * kMillisecond_ns));
 }
 
 std::vector<nlohmann::json> named(const nlohmann::json& trace, const std::string& name) {
@@ -144,6 +149,53 @@ TEST(TraceJson, MarksTheDeadlinesAndThoseThatACycleRanPast) {
 
 TEST(TraceJson, IsWellFormedWithoutAnything) {
   EXPECT_EQ(nlohmann::json::parse(traceJson("", {}, 0, 1)).at("traceEvents").size(), 1u);
+}
+
+}  // namespace
+
+namespace {
+
+TEST(SystemStatus, ReadsTheHottestZoneTheSlowestCpuAndAllThrottles) {
+  const test::TemporaryFolder root;
+  test::writeText(root.path() / "sys/class/thermal/thermal_zone0/temp", "41500\n");
+  test::writeText(root.path() / "sys/class/thermal/thermal_zone1/temp", "66000\n");
+  test::writeText(root.path() / "sys/class/thermal/cooling_device0/temp", "99000\n");
+  for (const char* cpu : {"cpu0", "cpu1"}) {
+    const auto folder = root.path() / "sys/devices/system/cpu" / cpu;
+    test::writeText(folder / "thermal_throttle/core_throttle_count", "3\n");
+    test::writeText(folder / "cpufreq/cpuinfo_max_freq", "2000000\n");
+    test::writeText(folder / "cpufreq/scaling_cur_freq",
+                    std::string(cpu) == "cpu0" ? "2000000\n" : "500000\n");
+  }
+  test::writeText(root.path() / "proc/loadavg", "1.25 0.80 0.40 2/345 6789\n");
+  const SystemFigures figures = SystemStatus(root.path(), root.path()).read();
+  EXPECT_FLOAT_EQ(figures.cpu_temperature_c.value(), 66.0F);
+  EXPECT_FLOAT_EQ(figures.frequency_share.value(), 0.25F);
+  EXPECT_EQ(figures.thermal_throttles.value(), 6u);
+  EXPECT_FLOAT_EQ(figures.load.value(), 1.25F);
+  EXPECT_GT(figures.disk_free_bytes.value(), 0u);
+  EXPECT_GE(figures.disk_total_bytes.value(), figures.disk_free_bytes.value());
+}
+
+TEST(SystemStatus, ReadingsThatTheSystemLacksAreAbsent) {
+  const test::TemporaryFolder root;
+  test::writeText(root.path() / "sys/class/thermal/thermal_zone0/temp", "no number\n");
+  test::writeText(root.path() / "proc/loadavg", "");
+  const SystemFigures figures = SystemStatus("/no/such/folder", root.path()).read();
+  EXPECT_FALSE(figures.cpu_temperature_c);
+  EXPECT_FALSE(figures.frequency_share);
+  EXPECT_FALSE(figures.thermal_throttles);
+  EXPECT_FALSE(figures.load);
+  EXPECT_FALSE(figures.disk_free_bytes);
+}
+
+TEST(SystemStatus, ReadsThisMachineWithoutHeap) {
+  const SystemStatus status("/");
+  const test::ThreadCost before = test::threadCost();
+  const SystemFigures figures = status.read();
+  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  EXPECT_TRUE(figures.disk_free_bytes);
+  EXPECT_TRUE(figures.load);
 }
 
 }  // namespace

@@ -1,12 +1,13 @@
-#include "realtime/kernel/state_archive.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
+#include <random>
 
-#include "realtime/kernel/crc32.hpp"
-#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/bytes/packed_numbers.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/kernel/rings/fixed_queue.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -17,10 +18,7 @@ struct Inner {
   double x = 0;
   bool known = false;
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.x, self.known);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.x, self.known); }
   friend bool operator==(const Inner&, const Inner&) = default;
 };
 
@@ -38,8 +36,7 @@ struct Everything {
   std::set<std::pair<int, int>> pairs;
   FixedQueue<Inner, 3> queue;
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.number, self.real, self.flag);
     archive.enumeration(self.colour, Colour::kBlue);
     archive(self.text, self.three);
@@ -84,7 +81,7 @@ bool loaded(std::span<const std::uint8_t> bytes, Everything& e) {
   return reader.section(kTag, 3, [&] { reader(e); });
 }
 
-// With the section's checksum made right again, as one would who means harm.
+// With the section's checksum corrected, as an attacker would.
 std::vector<std::uint8_t> sealed(std::vector<std::uint8_t> bytes) {
   if (bytes.size() < sizeof(StateSectionHead)) return bytes;
   StateSectionHead head;
@@ -145,7 +142,7 @@ TEST(StateArchive, RefusesEveryFlippedBit) {
   }
 }
 
-TEST(StateArchive, SurvivesDamageWhoseChecksumIsRight) {
+TEST(StateArchive, SurvivesDamageWithARightChecksum) {
   const std::vector<std::uint8_t> whole = saved(sample());
   for (std::size_t bit = sizeof(StateSectionHead) * 8; bit < whole.size() * 8; ++bit) {
     std::vector<std::uint8_t> damaged = whole;
@@ -176,7 +173,7 @@ TEST(StateArchive, SaysWhyItRefuses) {
   EXPECT_STREQ(damaged.failure(), "a checksum is wrong");
 }
 
-TEST(StateArchive, AWriterWhoseBufferIsFullSaysSoAndHowMuchItLacks) {
+TEST(StateArchive, AWriterWithAFullBufferReportsThatAndHowMuchItLacks) {
   const Everything e = sample();
   const std::size_t needed = saved(e).size();
   for (std::size_t size = 0; size < needed; ++size) {
@@ -210,6 +207,43 @@ TEST(StateArchive, TheChecksumIsTheOneOfZlib) {
   const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
   EXPECT_EQ(crc32(bytes), 0xCBF43926u);
   EXPECT_EQ(crc32(bytes.subspan(4), crc32(bytes.first(4))), 0xCBF43926u);
+}
+
+}  // namespace
+
+namespace {
+
+std::size_t bytesOf(const EightNumbers& numbers) {
+  std::array<std::uint8_t, kMostPacked> bytes{};
+  const std::size_t size = packNumbers(numbers, bytes.data());
+  std::uint32_t lengths = 0;
+  std::memcpy(&lengths, bytes.data(), sizeof lengths);
+  EXPECT_EQ(kPackedHead + packedBytes(lengths), size);
+  EXPECT_EQ(unpackNumbers(lengths, bytes.data() + kPackedHead), numbers);
+  return size;
+}
+
+TEST(PackedNumbers, TakeAsManyBytesAsTheyNeed) {
+  EXPECT_EQ(bytesOf({}), kPackedHead);
+  EXPECT_EQ(bytesOf({1, 255, 0, 0, 0, 0, 0, 0}), kPackedHead + 2);
+  EXPECT_EQ(bytesOf({256, 65535, 65536, 0, 0, 0, 0, 1}), kPackedHead + 2 + 2 + 3 + 1);
+  EightNumbers largest;
+  largest.fill(~std::uint64_t{0});
+  EXPECT_EQ(bytesOf(largest), kMostPacked);
+}
+
+TEST(PackedNumbers, AnyNumbersComeBack) {
+  std::mt19937_64 random(1);
+  for (int k = 0; k < 1000; ++k) {
+    EightNumbers numbers;
+    for (std::uint64_t& n : numbers) n = random() >> (random() % 64);
+    (void)bytesOf(numbers);
+  }
+}
+
+TEST(PackedNumbers, ANumberOfMoreThanEightBytesIsNone) {
+  EXPECT_EQ(packedBytes(0x00000009), kMostPacked);
+  EXPECT_EQ(packedBytes(0xF0000000), kMostPacked);
 }
 
 }  // namespace

@@ -1,16 +1,17 @@
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
 namespace fathom::rt {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000, kHour = 3600 * kSecond;
-constexpr std::int64_t kUtc = 1'700'000'000 * kSecond;  // when the machine booted
+constexpr std::int64_t kHour = 3600 * kSecond_ns;
+constexpr std::int64_t kUtc = 1'700'000'000 * kSecond_ns;  // when the machine booted
 
 // A machine's clocks, as a test sets them.
 struct Machine final : Clock {
-  std::int64_t monotonic_ns = 100 * kSecond, utc_ns = kUtc + 100 * kSecond;
+  std::int64_t monotonic_ns = 100 * kSecond_ns, utc_ns = kUtc + 100 * kSecond_ns;
   void pass(std::int64_t ns) {
     monotonic_ns += ns;
     utc_ns += ns;
@@ -33,14 +34,15 @@ TEST(VehicleTime, BeginsWithTheSystemsWhereTheDiveOrItsLogSaysNothingElse) {
 TEST(VehicleTime, GoesOnBehindTheLogWhenTheMachineBootedWithItsClockBehind) {
   Machine machine;
   const std::int64_t last_ns = machine.utc_ns;
-  machine.utc_ns = 5 * kSecond;  // 1970: no battery
-  machine.monotonic_ns = 5 * kSecond;
+  machine.utc_ns = 5 * kSecond_ns;  // 1970: no battery
+  machine.monotonic_ns = 5 * kSecond_ns;
   const ClockStart start = beginVehicleTime(machine.offset(), {}, machine.monotonic_ns, last_ns);
   const VehicleClock clock(start.offset_ns, machine);
   EXPECT_EQ(clock.utcNs(), last_ns + 1'000'000);
   EXPECT_EQ(start.behind_ns, last_ns + 1'000'000 - machine.utc_ns);
-  machine.pass(kSecond);
-  EXPECT_EQ(clock.utcNs(), last_ns + kSecond + 1'000'000) << "it does not stand still until UTC catches up";
+  machine.pass(kSecond_ns);
+  EXPECT_EQ(clock.utcNs(), last_ns + kSecond_ns + 1'000'000)
+      << "it does not stand still until UTC catches up";
   EXPECT_EQ(clock.systemStepNs(), 0) << "nobody has set the system's clock";
 }
 
@@ -54,13 +56,13 @@ TEST(VehicleTime, GoesOnBehindALogThatWasWrittenWithTheClockAhead) {
   }
 }
 
-TEST(VehicleTime, KeepsItsOffsetSinceTheMachineBootedWhoeverSetTheSystemsClock) {
+TEST(VehicleTime, KeepsItsOffsetSinceTheMachineBootedWhenTheSystemsClockIsSet) {
   Machine machine;
   const std::int64_t kept = machine.offset();
   for (const std::int64_t step : {-kHour, kHour}) {
     machine.utc_ns += step;
-    machine.pass(2 * kSecond);
-    const std::int64_t last_ns = machine.monotonic_ns - kSecond + kept;
+    machine.pass(2 * kSecond_ns);
+    const std::int64_t last_ns = machine.monotonic_ns - kSecond_ns + kept;
     const ClockStart start = beginVehicleTime(machine.offset(), kept, machine.monotonic_ns, last_ns);
     EXPECT_EQ(start.offset_ns, kept);
     EXPECT_EQ(start.behind_ns, 0);
@@ -69,12 +71,12 @@ TEST(VehicleTime, KeepsItsOffsetSinceTheMachineBootedWhoeverSetTheSystemsClock) 
 
 TEST(VehicleClock, SaysByHowMuchItDiffersFromTheSystemsUtcAndHowFarThatWasSet) {
   Machine machine;
-  const VehicleClock clock(machine.offset() + 3 * kSecond, machine);
-  EXPECT_EQ(clock.utcErrorNs(), 3 * kSecond);
+  const VehicleClock clock(machine.offset() + 3 * kSecond_ns, machine);
+  EXPECT_EQ(clock.utcErrorNs(), 3 * kSecond_ns);
   EXPECT_EQ(clock.systemStepNs(), 0);
-  machine.utc_ns += 10 * kSecond;
-  EXPECT_EQ(clock.utcErrorNs(), -7 * kSecond);
-  EXPECT_EQ(clock.systemStepNs(), 10 * kSecond);
+  machine.utc_ns += 10 * kSecond_ns;
+  EXPECT_EQ(clock.utcErrorNs(), -7 * kSecond_ns);
+  EXPECT_EQ(clock.systemStepNs(), 10 * kSecond_ns);
   // A stamp that another program makes now, by the system's UTC.
   EXPECT_EQ(machine.utc_ns + clock.utcErrorNs(), clock.utcNs());
 }
@@ -86,7 +88,7 @@ TEST(VehicleClock, AThreadThatIsPutOffBetweenTwoClocksDoesNotPassForAStep) {
     [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return now; }
     [[nodiscard]] std::int64_t utcNs() const noexcept override {
       now += delay;
-      delay += 7 * kSecond;
+      delay += 7 * kSecond_ns;
       return now + kUtc;
     }
     void sleepUntil(std::int64_t) noexcept override {}
@@ -101,17 +103,17 @@ TEST(ClockHealth, IsUnsureUntilTheSystemsClockIsSynchronisedAndAgreesToASecond) 
   EXPECT_TRUE(health.unsure());
   health.look({false, 0});
   EXPECT_TRUE(health.unsure()) << "a clock that nobody disciplines agrees with itself";
-  health.look({true, kSecond});
+  health.look({true, kSecond_ns});
   EXPECT_FALSE(health.unsure());
   health.look({false, kHour});
   EXPECT_FALSE(health.unsure()) << "what an unsynchronised clock shows says nothing; UTC was known";
-  health.look({true, kSecond + 1});
+  health.look({true, kSecond_ns + 1});
   EXPECT_TRUE(health.unsure());
-  health.look({true, -kSecond - 1});
+  health.look({true, -kSecond_ns - 1});
   EXPECT_TRUE(health.unsure());
 }
 
-TEST(SystemClock, TheKernelTellsWhetherItIsSynchronised) {
+TEST(SystemClock, TheKernelReportsWhetherItIsSynchronised) {
   EXPECT_TRUE(readSystemClock().known);
 }
 

@@ -11,12 +11,12 @@
 namespace fathom::lighting {
 namespace {
 
-Camera camera() {
+Camera smallCamera() {
   return {340, 256, 428, 428, 170, 128, 0, 0, 0, 0, 0};
 }
 
 TEST(RangeLattice, KnowsTheGroundsNormalsAndPlaces) {
-  const Camera cam = camera();
+  const Camera cam = smallCamera();
   const Eigen::Vector3d normal = Eigen::Vector3d(0.3, -0.2, 1).normalized();
   RangeLattice lattice;
   RangeMaker(cam).fromPlane(normal, 2.0, lattice);
@@ -28,7 +28,7 @@ TEST(RangeLattice, KnowsTheGroundsNormalsAndPlaces) {
     }
 }
 
-// Patches of unknown albedo at all tilts, in the light of one Lambertian lamp beside the camera.
+// Patches of unknown albedo at all tilts, in the light of one Lambertian lamp beside the smallCamera.
 TEST(TiltResponse, LearnsWhereTheLampIsAndTakesTheShadingOut) {
   const Eigen::Vector3f lamp(0.5F, -0.3F, 0);
   std::mt19937 random(3);
@@ -62,7 +62,7 @@ TEST(TiltResponse, LearnsWhereTheLampIsAndTakesTheShadingOut) {
   EXPECT_LT(after, 0.2 * before);
 }
 
-TEST(TiltResponse, BelievesInALampAtTheCameraBeforeItHasSeenAnything) {
+TEST(TiltResponse, StartsFromALampAtTheCamera) {
   TiltResponse tilt;
   tilt.solve();
   EXPECT_FLOAT_EQ(tilt.strength(), 1);
@@ -73,7 +73,7 @@ TEST(TiltResponse, BelievesInALampAtTheCameraBeforeItHasSeenAnything) {
 }
 
 // A black level of 0.012: dim ground keeps less of its contrast.
-TEST(Pedestal, IsToldByContrastThatFadesInTheDark) {
+TEST(Pedestal, IsFoundFromTheLossOfContrastInTheDark) {
   constexpr float kBlack = 0.012F;
   std::mt19937 random(5);
   std::normal_distribution<float> albedo(1, 0.25F);
@@ -91,7 +91,7 @@ TEST(Pedestal, IsToldByContrastThatFadesInTheDark) {
   EXPECT_EQ(nothing.level(), 0);
 }
 
-// White beyond what the sensor holds: its green clips first, so that it would come out pink.
+// White beyond the sensor's full scale: green clips first, which would make it pink.
 TEST(Clipped, PixelsAreGreyAndTheirNeighboursKeepTheirColour) {
   constexpr int kSide = 16;
   std::vector<std::uint16_t> raw(kSide * kSide, 1000);

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::lighting {
 namespace {

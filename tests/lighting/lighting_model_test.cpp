@@ -1,7 +1,4 @@
-#include "recon/lighting/lighting_model.hpp"
-
 #include <gtest/gtest.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,20 +10,22 @@
 #include <vector>
 
 #include "recon/lighting/correct_rows.hpp"
-#include "tests/lighting/strobed_dive.hpp"
+#include "recon/lighting/lighting_model.hpp"
+#include "tests/lighting/synthetic_strobe_dive.hpp"
+#include "tests/support/strip_mask.hpp"
 
 namespace fathom::lighting {
 namespace {
 
-using namespace test::strobed;
+using namespace test;
 
 class LightingModelOfBits : public testing::TestWithParam<int> {};
 
 TEST_P(LightingModelOfBits, VignettedImagesBecomeFlatWithTheTargetMeanAndSpread) {
-  Dive dive(PixelFormat::kMono, GetParam());
+  SyntheticStrobeDive dive(PixelFormat::kMono, GetParam());
   const auto images = correctDive(dive, PixelFormat::kMono, GetParam(), 60, 60);
-  for (const Box& box : kBoxes) {
-    const auto [mean, sigma] = statistics(images, box, kAll);
+  for (const StrobeBox& box : kCornersAndCentre) {
+    const auto [mean, sigma] = statistics(images, box, kEveryPixel);
     EXPECT_NEAR(mean, 0.42, 0.015) << box.x0 << ' ' << box.y0;
     EXPECT_NEAR(sigma, 0.13, 0.015) << box.x0 << ' ' << box.y0;
   }
@@ -35,9 +34,9 @@ TEST_P(LightingModelOfBits, VignettedImagesBecomeFlatWithTheTargetMeanAndSpread)
 INSTANTIATE_TEST_SUITE_P(EightToSixteen, LightingModelOfBits, testing::Values(8, 9, 10, 12, 13, 16));
 
 TEST(LightingModel, ColoursOfABayerMosaicAreBalancedEverywhere) {
-  Dive dive(PixelFormat::kBayerRggb, 12);
+  SyntheticStrobeDive dive(PixelFormat::kBayerRggb, 12);
   const auto images = correctDive(dive, PixelFormat::kBayerRggb, 12, 60, 60);
-  for (const Box& box : kBoxes)
+  for (const StrobeBox& box : kCornersAndCentre)
     for (int colour = 0; colour < 3; ++colour) {
       const auto [mean, sigma] =
           statistics(images, box, [&](int x, int y) { return colourAt(x, y) == colour; });
@@ -47,10 +46,10 @@ TEST(LightingModel, ColoursOfABayerMosaicAreBalancedEverywhere) {
 }
 
 TEST(LightingModel, ColoursOfAnRgbImageAreBalanced) {
-  Dive dive(PixelFormat::kRgb, 8);
+  SyntheticStrobeDive dive(PixelFormat::kRgb, 8);
   const auto images = correctDive(dive, PixelFormat::kRgb, 8, 60, 60);
   for (int colour = 0; colour < 3; ++colour) {
-    const auto [mean, sigma] = statistics(images, {100, 80, 160, 120}, kAll, 3, colour);
+    const auto [mean, sigma] = statistics(images, {100, 80, 160, 120}, kEveryPixel, 3, colour);
     EXPECT_NEAR(mean, 0.42, 0.02) << colour;
     EXPECT_NEAR(sigma, 0.13, 0.02) << colour;
   }
@@ -60,37 +59,37 @@ double srgb(double linear) {
   return linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
 }
 
-// A floor whose red varies much, whose blue hardly does: stretched to one spread, a red patch would turn pink
+// A floor with much variation of red and little of blue: stretched to one spread, a red patch would turn pink
 // here and mint there.
 TEST(LightingModel, ColourIsLightOverItsMeanWhateverThePatternAndTheOtherPatches) {
   constexpr std::array<double, 3> kSigma = {0.45, 0.25, 0.1};
   std::mt19937 random(9);
   const auto picture = [&](const std::array<double, 3>* albedo) {
     constexpr int kPatch = 5;  // [px]
-    Picture out{PixelFormat::kBayerRggb, 12, {}, {}};
+    StrobePicture out{PixelFormat::kBayerRggb, 12, {}, {}};
     std::normal_distribution<double> normal(0, 1);
-    std::vector<std::array<double, 3>> floor((kWidth / kPatch + 1) * (kHeight / kPatch + 1));
+    std::vector<std::array<double, 3>> floor((kStrobeWidth / kPatch + 1) * (kStrobeHeight / kPatch + 1));
     for (auto& patch : floor)
       for (std::size_t c = 0; c < 3; ++c) patch[c] = std::max(1 + kSigma[c] * normal(random), 0.0);
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) {
+    for (int y = 0; y < kStrobeHeight; ++y)
+      for (int x = 0; x < kStrobeWidth; ++x) {
         const auto c = static_cast<std::size_t>(colourAt(x, y));
         const double r =
             albedo != nullptr
                 ? (*albedo)[c]
-                : floor[static_cast<std::size_t>(y / kPatch * (kWidth / kPatch) + x / kPatch)][c];
+                : floor[static_cast<std::size_t>(y / kPatch * (kStrobeWidth / kPatch) + x / kPatch)][c];
         out.words.push_back(static_cast<std::uint16_t>(
             std::lround(std::clamp(kWater[c] * strobe(x, y) * r, 0.0, 1.0) * 4095)));
       }
     return out;
   };
-  LightingModel model(kWidth, kHeight, PixelFormat::kBayerRggb, 12, kConfig);
+  LightingModel model(kStrobeWidth, kStrobeHeight, PixelFormat::kBayerRggb, 12, kStrobeConfig);
   for (int i = 0; i < 150; ++i) model.add(picture(nullptr).view());
   const double grey = std::pow((0.42 + 0.055) / 1.055, 2.4);  // target_mean
   for (const std::array<double, 3>& albedo : {std::array{1.3, 0.8, 1.05}, std::array{0.5, 0.9, 1.1}}) {
-    std::vector<std::uint8_t> out(kWidth * kHeight);
+    std::vector<std::uint8_t> out(kStrobeWidth * kStrobeHeight);
     model.correctColour(picture(&albedo).view(), RangeLattice(), out.data());
-    for (const Box& box : kBoxes)
+    for (const StrobeBox& box : kCornersAndCentre)
       for (std::size_t c = 0; c < 3; ++c) {
         const auto [mean, sigma] =
             statistics({out}, box, [&](int x, int y) { return colourAt(x, y) == static_cast<int>(c); });
@@ -101,20 +100,21 @@ TEST(LightingModel, ColourIsLightOverItsMeanWhateverThePatternAndTheOtherPatches
 }
 
 TEST(LightingModel, ADarkerPictureOfSrgbHasTheSameColoursByItsGainInLight) {
-  Dive dive(PixelFormat::kRgb, 8);
-  LightingModel model(kWidth, kHeight, PixelFormat::kRgb, 8, kConfig);
+  SyntheticStrobeDive dive(PixelFormat::kRgb, 8);
+  LightingModel model(kStrobeWidth, kStrobeHeight, PixelFormat::kRgb, 8, kStrobeConfig);
   for (int i = 0; i < 60; ++i) model.add(dive.next().view());
-  const Picture bright = dive.next();
-  Picture dark = bright;
+  const StrobePicture bright = dive.next();
+  StrobePicture dark = bright;
   constexpr double kGain = 0.7;
   const auto linear = [](double s) { return s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4); };
   for (std::uint8_t& level : dark.bytes)
     level = static_cast<std::uint8_t>(std::lround(255 * srgb(kGain * linear(level / 255.0))));
-  std::vector<std::uint8_t> expected(3 * kWidth * kHeight), out(expected.size());
+  std::vector<std::uint8_t> expected(3 * kStrobeWidth * kStrobeHeight), out(expected.size());
   model.correctColour(bright.view(), RangeLattice(), expected.data());
   model.correctColour(dark.view(), RangeLattice(), out.data(), 0, kGain);
-  const auto [mean, sigma] = statistics({out}, {0, 0, kWidth, kHeight}, kAll, 3, 1);
-  const auto [mean_expected, sigma_expected] = statistics({expected}, {0, 0, kWidth, kHeight}, kAll, 3, 1);
+  const auto [mean, sigma] = statistics({out}, {0, 0, kStrobeWidth, kStrobeHeight}, kEveryPixel, 3, 1);
+  const auto [mean_expected, sigma_expected] =
+      statistics({expected}, {0, 0, kStrobeWidth, kStrobeHeight}, kEveryPixel, 3, 1);
   EXPECT_NEAR(mean, mean_expected, 0.02);
   EXPECT_NEAR(sigma, sigma_expected, 0.02);
 }
@@ -134,34 +134,35 @@ TEST(CorrectRows, LinearLightIsEncodedAsSrgb) {
 }
 
 TEST(LightingModel, FewImagesAlreadyRemoveTheStrobesPattern) {
-  Dive dive(PixelFormat::kMono, 12);
+  SyntheticStrobeDive dive(PixelFormat::kMono, 12);
   const auto images = correctDive(dive, PixelFormat::kMono, 12, 8, 60);
-  for (const Box& box : kBoxes) EXPECT_NEAR(statistics(images, box, kAll)[0], 0.42, 0.04);
+  for (const StrobeBox& box : kCornersAndCentre)
+    EXPECT_NEAR(statistics(images, box, kEveryPixel)[0], 0.42, 0.04);
 }
 
 TEST(LightingModel, SaturatedSamplesDoNotEnterTheStatistics) {
-  Dive dive(PixelFormat::kMono, 12);
+  SyntheticStrobeDive dive(PixelFormat::kMono, 12);
   dive.setHot(true);
-  LightingModel model(kWidth, kHeight, PixelFormat::kMono, 12, kConfig);
+  LightingModel model(kStrobeWidth, kStrobeHeight, PixelFormat::kMono, 12, kStrobeConfig);
   for (int i = 0; i < 60; ++i) model.add(dive.next().view());
   dive.setHot(false);
   std::vector<std::vector<std::uint8_t>> images;
   for (int i = 0; i < 60; ++i) {
-    images.emplace_back(kWidth * kHeight);
+    images.emplace_back(kStrobeWidth * kStrobeHeight);
     model.correct(dive.next().view(), images.back().data());
   }
-  const auto [mean, sigma] = statistics(images, {70, 50, 90, 70}, kAll);
+  const auto [mean, sigma] = statistics(images, {70, 50, 90, 70}, kEveryPixel);
   EXPECT_NEAR(mean, 0.42, 0.02);
   EXPECT_NEAR(sigma, 0.13, 0.02);
 }
 
 TEST(LightingModel, BeforeEnoughImagesTheWholeImageSharesOneCorrection) {
-  Dive dive(PixelFormat::kMono, 12);
+  SyntheticStrobeDive dive(PixelFormat::kMono, 12);
   const auto images = correctDive(dive, PixelFormat::kMono, 12, 3, 40);
-  EXPECT_NEAR(statistics(images, {0, 0, kWidth, kHeight}, kAll)[0], 0.42, 0.03);
+  EXPECT_NEAR(statistics(images, {0, 0, kStrobeWidth, kStrobeHeight}, kEveryPixel)[0], 0.42, 0.03);
   // The strobe's pattern stays, for the pattern is not known yet.
-  EXPECT_GT(statistics(images, {30, 20, 60, 50}, kAll)[0], 0.45);
-  EXPECT_LT(statistics(images, {130, 90, 160, 120}, kAll)[0], 0.38);
+  EXPECT_GT(statistics(images, {30, 20, 60, 50}, kEveryPixel)[0], 0.45);
+  EXPECT_LT(statistics(images, {130, 90, 160, 120}, kEveryPixel)[0], 0.38);
 }
 
 TEST(LightingModel, BeforeTheFirstImageFullScaleBecomes255) {
@@ -173,8 +174,8 @@ TEST(LightingModel, BeforeTheFirstImageFullScaleBecomes255) {
 }
 
 TEST(LightingModel, WronglyShapedImagesAreIgnoredCountedAndCorrectedToBlack) {
-  LightingModel model(kWidth, kHeight, PixelFormat::kMono, 12, {});
-  const Picture picture = Dive(PixelFormat::kMono, 12).next();
+  LightingModel model(kStrobeWidth, kStrobeHeight, PixelFormat::kMono, 12, {});
+  const StrobePicture picture = SyntheticStrobeDive(PixelFormat::kMono, 12).next();
   ImageView view = picture.view();
   model.add(view);
   model.add({});
@@ -184,13 +185,13 @@ TEST(LightingModel, WronglyShapedImagesAreIgnoredCountedAndCorrectedToBlack) {
   view.format = PixelFormat::kBayerRggb;
   model.add(view);
   view = picture.view();
-  view.stride = kWidth;
+  view.stride = kStrobeWidth;
   model.add(view);
   EXPECT_EQ(model.images(), 1);
   EXPECT_EQ(model.ignoredImages(), 4U);
-  std::vector<std::uint8_t> out(kWidth * kHeight, 7);
+  std::vector<std::uint8_t> out(kStrobeWidth * kStrobeHeight, 7);
   model.correct({}, out.data());
-  EXPECT_EQ(std::count(out.begin(), out.end(), 0), kWidth * kHeight);
+  EXPECT_EQ(std::count(out.begin(), out.end(), 0), kStrobeWidth * kStrobeHeight);
 }
 
 TEST(LightingModel, ImagesOfOneValueOrOddSizeAreCorrectedWithoutHarm) {
@@ -284,6 +285,39 @@ TEST(Demosaic, TheSmallestMosaicsGiveAnImage) {
     if (side > 2) {
       EXPECT_EQ(rgb[0], 200) << side;
     }
+  }
+}
+
+// Bright objects in every image, once visible and once hidden.
+TEST(LightingModel, LearnsNothingFromWhatAMaskHides) {
+  const ImageMask mask = fathom::test::stripMask(kStrobeWidth, kStrobeHeight, 60, 79);
+  for (const PixelFormat format : {PixelFormat::kMono, PixelFormat::kBayerRggb, PixelFormat::kRgb}) {
+    const std::size_t channels = format == PixelFormat::kRgb ? 3 : 1;
+    double means[2];
+    for (const bool hidden : {false, true}) {
+      SyntheticStrobeDive dive(format, 8);
+      LightingModel model(kStrobeWidth, kStrobeHeight, format, 8, kStrobeConfig);
+      const auto next = [&] {
+        StrobePicture picture = dive.next();
+        for (std::size_t y = 0; y < kStrobeHeight; ++y)
+          std::fill_n(picture.bytes.begin() + static_cast<std::ptrdiff_t>((y * kStrobeWidth + 60) * channels),
+                      20 * channels, 245);
+        return picture;
+      };
+      for (int i = 0; i < 40; ++i) {
+        const StrobePicture picture = next();
+        ImageView view = picture.view();
+        if (hidden) view.mask = &mask;
+        model.add(view);
+      }
+      std::vector<std::vector<std::uint8_t>> corrected(1);
+      corrected[0].resize(kStrobeWidth * kStrobeHeight * channels);
+      model.correct(next().view(), corrected[0].data());
+      means[hidden ? 1 : 0] =
+          statistics(corrected, {64, 40, 76, 80}, kEveryPixel, static_cast<int>(channels))[0];
+    }
+    EXPECT_LT(means[0], 0.85) << static_cast<int>(format);  // learnt as seafloor
+    EXPECT_GT(means[1], 0.9) << static_cast<int>(format);
   }
 }
 

@@ -4,20 +4,18 @@
 #include <vector>
 
 #include "recon/lighting/lighting_model.hpp"
-#include "tests/lighting/dive_scene.hpp"
+#include "tests/lighting/synthetic_range_dive.hpp"
 
 namespace fathom::lighting {
 namespace {
 
-using test::DiveScene;
-using test::kHeight;
-using test::kWidth;
+using namespace test;
 
 constexpr double kAltitude = 2.0;  // [m]
 
 // The mean and standard deviation of each pixel over all images, by Welford's recurrence: the reference.
 struct PixelWelford {
-  std::vector<double> mean = std::vector<double>(kWidth * kHeight), squares = mean;
+  std::vector<double> mean = std::vector<double>(kRangeWidth * kRangeHeight), squares = mean;
   int images = 0;
   void add(const std::vector<std::uint16_t>& picture) {
     ++images;
@@ -33,9 +31,9 @@ struct PixelWelford {
 };
 
 void paint(std::vector<std::uint16_t>& picture, int x0, int y0, int width, int height, double factor) {
-  for (int y = std::max(y0, 0); y < std::min(y0 + height, kHeight); ++y)
-    for (int x = std::max(x0, 0); x < std::min(x0 + width, kWidth); ++x) {
-      std::uint16_t& v = picture[static_cast<std::size_t>(y * kWidth + x)];
+  for (int y = std::max(y0, 0); y < std::min(y0 + height, kRangeHeight); ++y)
+    for (int x = std::max(x0, 0); x < std::min(x0 + width, kRangeWidth); ++x) {
+      std::uint16_t& v = picture[static_cast<std::size_t>(y * kRangeWidth + x)];
       v = static_cast<std::uint16_t>(std::min(factor * v, 3900.0));
     }
 }
@@ -47,12 +45,12 @@ struct Region {
 // How far the mean of corrected images of an even floor is off the target in a region.
 template <typename Correct>
 double offTarget(const Region& region, Correct correct) {
-  DiveScene scene(9);
+  SyntheticRangeDive scene(9);
   const auto picture = scene.even(kAltitude);
   double sum = 0, count = 0;
   for (int y = region.y0; y < region.y1; ++y)
     for (int x = region.x0; x < region.x1; ++x) {
-      const auto k = static_cast<std::size_t>(y * kWidth + x);
+      const auto k = static_cast<std::size_t>(y * kRangeWidth + x);
       sum += correct(k, picture[k]);
       count += 1;
     }
@@ -63,20 +61,20 @@ double offTarget(const Region& region, Correct correct) {
 // another part in as many.
 TEST(LightingOutliers, AFishAndAShadowInATenthOfTheImagesLeaveThePatternAlone) {
   constexpr Region kFish{100, 20, 140, 50}, kShadow{20, 70, 60, 100};
-  LightingModel model(kWidth, kHeight, PixelFormat::kMono, 12, {.grid = 8});
+  LightingModel model(kRangeWidth, kRangeHeight, PixelFormat::kMono, 12, {.grid = 8});
   PixelWelford reference;
-  DiveScene scene(3);
+  SyntheticRangeDive scene(3);
   for (int k = 0; k < 80; ++k) {
     auto picture = scene.textured(kAltitude);
     if (k % 10 == 0) paint(picture, kFish.x0, kFish.y0, 40, 30, 6.0);
     if (k % 10 == 5) paint(picture, kShadow.x0, kShadow.y0, 40, 30, 0.1);
-    model.add(DiveScene::view(picture), DiveScene::ranges(kAltitude));
+    model.add(SyntheticRangeDive::view(picture), SyntheticRangeDive::ranges(kAltitude));
     reference.add(picture);
   }
-  DiveScene scene_again(9);
+  SyntheticRangeDive scene_again(9);
   const auto even = scene_again.even(kAltitude);
   std::vector<std::uint8_t> out(even.size());
-  model.correct(DiveScene::view(even), DiveScene::ranges(kAltitude), out.data());
+  model.correct(SyntheticRangeDive::view(even), SyntheticRangeDive::ranges(kAltitude), out.data());
   const auto ours = [&](std::size_t k, std::uint16_t) { return out[k] / 255.0; };
   const auto plain = [&](std::size_t k, std::uint16_t v) { return reference.correct(k, v / 4095.0); };
 
@@ -84,19 +82,19 @@ TEST(LightingOutliers, AFishAndAShadowInATenthOfTheImagesLeaveThePatternAlone) {
   EXPECT_GT(offTarget(kFish, plain), 0.03);
   EXPECT_LT(offTarget(kShadow, ours), 0.015);
   const double share = model.report().outlier_share;
-  const double painted = 0.1 * 2 * 40 * 30 / (kWidth * kHeight);
+  const double painted = 0.1 * 2 * 40 * 30 / (kRangeWidth * kRangeHeight);
   EXPECT_GT(share, 0.5 * painted);
   EXPECT_LT(share, 2.5 * painted);
 
   // The spread of the texture is kept, too: the reference's is three times too wide under the fish.
-  DiveScene other(17);
+  SyntheticRangeDive other(17);
   double n = 0, sum = 0, squares = 0, plain_sum = 0, plain_squares = 0;
   for (int k = 0; k < 20; ++k) {
     const auto picture = other.textured(kAltitude);
-    model.correct(DiveScene::view(picture), DiveScene::ranges(kAltitude), out.data());
+    model.correct(SyntheticRangeDive::view(picture), SyntheticRangeDive::ranges(kAltitude), out.data());
     for (int y = kFish.y0; y < kFish.y1; ++y)
       for (int x = kFish.x0; x < kFish.x1; ++x) {
-        const auto at = static_cast<std::size_t>(y * kWidth + x);
+        const auto at = static_cast<std::size_t>(y * kRangeWidth + x);
         const double v = out[at] / 255.0, p = plain(at, picture[at]);
         n += 1, sum += v, squares += v * v, plain_sum += p, plain_squares += p * p;
       }
@@ -106,9 +104,9 @@ TEST(LightingOutliers, AFishAndAShadowInATenthOfTheImagesLeaveThePatternAlone) {
 }
 
 TEST(LightingOutliers, ACleanDiveLosesNextToNothing) {
-  LightingModel model(kWidth, kHeight, PixelFormat::kMono, 12, {.grid = 8});
-  DiveScene scene(3);
-  for (int k = 0; k < 40; ++k) model.add(DiveScene::view(scene.textured(kAltitude)));
+  LightingModel model(kRangeWidth, kRangeHeight, PixelFormat::kMono, 12, {.grid = 8});
+  SyntheticRangeDive scene(3);
+  for (int k = 0; k < 40; ++k) model.add(SyntheticRangeDive::view(scene.textured(kAltitude)));
   EXPECT_LT(model.report().outlier_share, 0.015);
 }
 

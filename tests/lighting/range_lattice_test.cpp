@@ -12,12 +12,12 @@
 namespace fathom::lighting {
 namespace {
 
-Camera camera() {
+Camera wideCamera() {
   return {1360, 1024, 1711, 1712, 680, 512, 0.13, 0.7, 0.001, -0.001, 0};
 }
 
 TEST(RangeLattice, OfATiltedPlaneIsThePathAlongEachRay) {
-  const Camera cam = camera();
+  const Camera cam = wideCamera();
   const Eigen::Vector3d normal = Eigen::Vector3d(0.1, -0.15, 1).normalized();
   RangeLattice lattice;
   RangeMaker(cam).fromPlane(normal, 3.0, lattice);
@@ -32,19 +32,20 @@ TEST(RangeLattice, OfATiltedPlaneIsThePathAlongEachRay) {
 
 TEST(RangeLattice, RaysThatMeetNoPlaneAreUnknown) {
   RangeLattice lattice;
-  RangeMaker(camera()).fromPlane(Eigen::Vector3d(1, 0, 0.1), 2.0, lattice);
+  RangeMaker(wideCamera()).fromPlane(Eigen::Vector3d(1, 0, 0.1), 2.0, lattice);
   EXPECT_EQ(lattice.at(0.0F, 0.5F), 0.0F);
   EXPECT_GT(lattice.at(1.0F, 0.5F), 0.0F);
-  RangeMaker(camera()).fromPlane(Eigen::Vector3d::UnitZ(), std::numeric_limits<double>::quiet_NaN(), lattice);
+  RangeMaker(wideCamera())
+      .fromPlane(Eigen::Vector3d::UnitZ(), std::numeric_limits<double>::quiet_NaN(), lattice);
   EXPECT_EQ(lattice.at(0.5F, 0.5F), 0.0F);
 }
 
 TEST(RangeLattice, BendsToPointsAndFillsHolesFromAround) {
-  const Camera cam = camera();
+  const Camera cam = wideCamera();
   const RangeMaker maker(cam);
   RangeLattice lattice, truth;
-  maker.fromPlane(Eigen::Vector3d::UnitZ(), 3.0, lattice);  // what the altitude said
-  maker.fromPlane(Eigen::Vector3d::UnitZ(), 2.0, truth);    // what is there
+  maker.fromPlane(Eigen::Vector3d::UnitZ(), 3.0, lattice);  // by the altitude
+  maker.fromPlane(Eigen::Vector3d::UnitZ(), 2.0, truth);    // true
   std::mt19937 random(1);
   std::uniform_real_distribution<double> x(0, 1359), y(0, 1023);
   std::vector<Eigen::Vector3f> points;
@@ -60,7 +61,7 @@ TEST(RangeLattice, BendsToPointsAndFillsHolesFromAround) {
 }
 
 TEST(RangeLattice, FollowsALedge) {
-  const Camera cam = camera();
+  const Camera cam = wideCamera();
   const RangeMaker maker(cam);
   RangeLattice lattice;
   maker.fromPlane(Eigen::Vector3d::UnitZ(), 3.0, lattice);
@@ -80,7 +81,7 @@ TEST(RangeLattice, FollowsALedge) {
 }
 
 TEST(RangeLattice, WithoutPointsStaysThePlane) {
-  const RangeMaker maker(camera());
+  const RangeMaker maker(wideCamera());
   RangeLattice lattice, before;
   maker.fromPlane(Eigen::Vector3d::UnitZ(), 3.0, lattice);
   before = lattice;
@@ -91,11 +92,11 @@ TEST(RangeLattice, WithoutPointsStaysThePlane) {
 TEST(RigRanges, SeeOnePlaneFromBothCameras) {
   const Eigen::Vector3d right_in_left(0.07, 0.002, -0.003);
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitY()));
-  const StereoRig rig{camera(), camera(), SE3(turn, turn * -right_in_left)};
+  const StereoRig rig{wideCamera(), wideCamera(), SE3(turn, turn * -right_in_left)};
   RigRanges ranges(rig);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.2, 0.1, 1).normalized();
   ranges.fromPlane(normal, 2.5);
-  // Along the right camera's axis, from its centre to the plane.
+  // Along the right wideCamera's axis, from its centre to the plane.
   const SE3 T_left_right = rig.T_right_left.inverse();
   const Eigen::Vector3d ray = T_left_right.rotation() * rig.right.ray({679.5, 511.5}).normalized();
   const double expected = (2.5 - normal.dot(T_left_right.translation())) / normal.dot(ray);

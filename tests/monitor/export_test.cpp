@@ -4,18 +4,16 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
+#include "realtime/base/units.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/export/geo_raster.hpp"
-#include "tests/monitor/made_blocks.hpp"
 #include "tests/monitor/sample_dive.hpp"
+#include "tests/monitor/synthetic_blocks.hpp"
 
 namespace fathom::monitor {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180;
 
 // A GeoTIFF as other programs read it.
 class Tiff {
@@ -31,17 +29,17 @@ class Tiff {
     VSIUnlink("/vsimem/test.tif");
   }
   [[nodiscard]] GDALDataset& data() const { return *dataset_; }
-  // Of the pixel in which a latitude and longitude lies; NaN outside.
+  // The value of the pixel at a latitude and longitude; NaN outside.
   [[nodiscard]] double at(int band, const Geodetic& place) const {
     OGRSpatialReference wgs84;
     wgs84.importFromEPSG(4326);
     wgs84.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
     OGRSpatialReference own(*dataset_->GetSpatialRef());
     own.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-    auto* way = OGRCreateCoordinateTransformation(&wgs84, &own);
-    double x = place.longitude / kDegree, y = place.latitude / kDegree;
-    way->Transform(1, &x, &y);
-    OGRCoordinateTransformation::DestroyCT(way);
+    auto* transform = OGRCreateCoordinateTransformation(&wgs84, &own);
+    double x = place.longitude / kRadiansPerDegree, y = place.latitude / kRadiansPerDegree;
+    transform->Transform(1, &x, &y);
+    OGRCoordinateTransformation::DestroyCT(transform);
     std::array<double, 6> t{};
     dataset_->GetGeoTransform(t.data());
     const int column = static_cast<int>(std::floor((x - t[0]) / t[1])),
@@ -61,24 +59,24 @@ class Tiff {
 };
 
 TEST(GeoRaster, TheZoneIsThatOfTheOrigin) {
-  EXPECT_EQ(epsgOf({-27.5 * kDegree, 153.5 * kDegree}), 32756);
-  EXPECT_EQ(epsgOf({60 * kDegree, -0.1 * kDegree}), 32630);
-  EXPECT_EQ(epsgOf({1 * kDegree, 180 * kDegree}), 32601);
-  EXPECT_EQ(epsgOf({-1 * kDegree, -180 * kDegree}), 32701);
-  EXPECT_EQ(epsgOf({85 * kDegree, 0}), 32661);
-  EXPECT_EQ(epsgOf({-81 * kDegree, 0}), 32761);
+  EXPECT_EQ(epsgOf({-27.5 * kRadiansPerDegree, 153.5 * kRadiansPerDegree}), 32756);
+  EXPECT_EQ(epsgOf({60 * kRadiansPerDegree, -0.1 * kRadiansPerDegree}), 32630);
+  EXPECT_EQ(epsgOf({1 * kRadiansPerDegree, 180 * kRadiansPerDegree}), 32601);
+  EXPECT_EQ(epsgOf({-1 * kRadiansPerDegree, -180 * kRadiansPerDegree}), 32701);
+  EXPECT_EQ(epsgOf({85 * kRadiansPerDegree, 0}), 32661);
+  EXPECT_EQ(epsgOf({-81 * kRadiansPerDegree, 0}), 32761);
 }
 
 // Far from the middle of the zone, where UTM's north is turned most against nav's, and far from the origin.
-TEST(GeoRaster, AKnownNodeLiesAtItsLatitudeAndLongitude) {
-  for (const Geodetic origin :
-       {Geodetic{-33.9 * kDegree, 155.9 * kDegree}, Geodetic{59.4 * kDegree, 10.6 * kDegree}}) {
+TEST(GeoRaster, AKnownNodeIsAtItsLatitudeAndLongitude) {
+  for (const Geodetic origin : {Geodetic{-33.9 * kRadiansPerDegree, 155.9 * kRadiansPerDegree},
+                                Geodetic{59.4 * kRadiansPerDegree, 10.6 * kRadiansPerDegree}}) {
     BlockStore store;
     Surface surface(store);
     const std::int32_t far = 3000;  // blocks of 1 m: 3 km north of the origin
     for (int n = -12; n < 12; ++n)
       for (int e = -12; e < 12; ++e) {
-        auto block = madeBlock(kQuarterMetre, far + n, e);
+        auto block = syntheticBlock(kQuarterMetre, far + n, e);
         for (float& depth : block.depth) depth = 30;
         if (n == 4 && e == -7) {  // one node stands out
           block.depth[5] = 25;
@@ -95,7 +93,7 @@ TEST(GeoRaster, AKnownNodeLiesAtItsLatitudeAndLongitude) {
 
     const LocalTransverseMercator local(origin);
     const double north = far + 4 + 0.25, east = -7 + 0.25;
-    // The pixel's centre lies up to 0.7 cells from the node, where the tent of one cell is still 1 m high.
+    // The pixel's centre is up to 0.7 cells from the node, where the tent of one cell is still 1 m high.
     EXPECT_GT(elevation.at(1, local.toGeodetic({north, east})), -29);
     EXPECT_GT(colour.at(1, local.toGeodetic({north, east})), 110);
     double highest = -1e9;
@@ -116,7 +114,7 @@ TEST(GeoRaster, TwoBlocksFarApartMakeACoarseRasterAndNotAHugeOne) {
   BlockStore store;
   Surface surface(store);
   for (const std::int32_t far : {-20000, 20000}) {
-    auto block = madeBlock(kQuarterMetre, far, far);
+    auto block = syntheticBlock(kQuarterMetre, far, far);
     for (float& depth : block.depth) depth = 30;
     ASSERT_TRUE(store.put(block, {1, 0.05, true, 1}));
   }
@@ -129,9 +127,9 @@ TEST(GeoRaster, TwoBlocksFarApartMakeACoarseRasterAndNotAHugeOne) {
 TEST(Exports, SayWhatIsMissing) {
   ModelView view;
   for (const auto name : kExportNames) {
-    const Export made = makeExport(view, name);
-    EXPECT_TRUE(made.bytes.empty());
-    EXPECT_FALSE(made.why.empty()) << name;
+    const Export file = makeExport(view, name);
+    EXPECT_TRUE(file.bytes.empty());
+    EXPECT_FALSE(file.why.empty()) << name;
   }
 }
 
@@ -150,8 +148,8 @@ TEST(Exports, TheTrackIsGeoJsonInDegrees) {
   const LocalTransverseMercator local({-0.4, 2.65});
   const auto& first = model.track().begin()->second;
   const Geodetic expected = local.toGeodetic({first.north, first.east});
-  EXPECT_NEAR(line[0][0].get<double>(), expected.longitude / kDegree, 2e-7);
-  EXPECT_NEAR(line[0][1].get<double>(), expected.latitude / kDegree, 2e-7);
+  EXPECT_NEAR(line[0][0].get<double>(), expected.longitude / kRadiansPerDegree, 2e-7);
+  EXPECT_NEAR(line[0][1].get<double>(), expected.latitude / kRadiansPerDegree, 2e-7);
   EXPECT_NEAR(line[0][2].get<double>(), -first.depth, 1e-6);
   EXPECT_EQ(makeExport(view, "map.ply").bytes.rfind("ply\n", 0), 0U);
 }

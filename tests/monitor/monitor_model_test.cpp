@@ -1,4 +1,5 @@
 #include "telemetry/monitor/model/monitor_model.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +11,7 @@
 
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
-#include "telemetry/monitor/web/reports.hpp"
+#include "telemetry/monitor/web/page_api.hpp"
 #include "telemetry/tiles/tile_codec.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/telemetry/sample_tile.hpp"
@@ -175,7 +176,7 @@ TEST(MonitorModel, AStatusOrTrackPointOfAnotherYearIsNotShownUnlessTheClockIsTha
   std::array<std::uint8_t, telemetry::kMaxFrameBytes> payload, frame;
   telemetry::Version version = 1;
   std::int64_t now_ns = 1'790'000'000'000'000'000;
-  const auto hear = [&](telemetry::MessageType type, std::size_t size) {
+  const auto receive = [&](telemetry::MessageType type, std::size_t size) {
     now_ns += 10'000'000'000;
     (void)model.accept(std::span(frame).first(telemetry::encodeFrame({{7, 42}, version++, type, false},
                                                                      std::span(payload).first(size), frame)),
@@ -184,7 +185,7 @@ TEST(MonitorModel, AStatusOrTrackPointOfAnotherYearIsNotShownUnlessTheClockIsTha
   const auto status = [&](std::int64_t off_ns) {
     telemetry::Status s;
     s.utc_ns = now_ns + off_ns;
-    hear(telemetry::MessageType::kStatus, telemetry::encodeStatus(s, payload));
+    receive(telemetry::MessageType::kStatus, telemetry::encodeStatus(s, payload));
     return model.status() ? now_ns - model.status()->utc_ns : -1;
   };
   const auto near = [](std::int64_t apart_ns, std::int64_t off_ns) {
@@ -196,7 +197,7 @@ TEST(MonitorModel, AStatusOrTrackPointOfAnotherYearIsNotShownUnlessTheClockIsTha
   EXPECT_EQ(model.track().size(), track);
   EXPECT_TRUE(near(status(0), 0));
   const std::array<telemetry::TrackPoint, 1> far{{{now_ns + kYear_ns, 1, 2, 3}}};
-  hear(telemetry::MessageType::kTrack, telemetry::encodeTrack(far, payload));
+  receive(telemetry::MessageType::kTrack, telemetry::encodeTrack(far, payload));
   EXPECT_LT(model.track().rbegin()->first, now_ns + kYear_ns / 2);
   (void)status(kYear_ns);  // the vehicle's clock has jumped
   EXPECT_TRUE(near(status(kYear_ns), kYear_ns));
@@ -216,21 +217,21 @@ TEST(RequestLedger, ARequestIsDoneWhenAReportSaysSoOfTheFrameThatSaidIt) {
   std::int64_t now = 1'790'000'000'000'000'000;
   int confirmed = 0;
   using State = telemetry::RequestOutcome::State;
-  const auto hear = [&](std::uint8_t of, telemetry::DownlinkCounter counter, State state) {
-    telemetry::Report report;
+  const auto receive = [&](std::uint8_t of, telemetry::DownlinkCounter counter, State state) {
+    telemetry::StateReport report;
     report.requests[1] = {state, of, counter & ((1U << telemetry::kOutcomeCounterBits) - 1)};
     ledger.noteReport(report, now, [&](std::uint8_t) { ++confirmed; });
     return ledger.entries().front().state;
   };
   const auto counter = telemetry::downlinkCounterAt(now);
-  EXPECT_EQ(hear(*id, counter, State::kDone), RequestLedger::State::kQueued) << "not even sent";
+  EXPECT_EQ(receive(*id, counter, State::kDone), RequestLedger::State::kQueued) << "not even sent";
   ledger.noteSent(std::span<const std::uint8_t>(frame).first(sender.nextFrame(now, frame)), now);
   EXPECT_EQ(ledger.entries().front().state, RequestLedger::State::kSent);
-  EXPECT_EQ(hear(*id, counter + 1, State::kDone), RequestLedger::State::kSent) << "of another of this id";
-  EXPECT_EQ(hear(static_cast<std::uint8_t>(*id + 1), counter, State::kDone), RequestLedger::State::kSent);
+  EXPECT_EQ(receive(*id, counter + 1, State::kDone), RequestLedger::State::kSent) << "of another of this id";
+  EXPECT_EQ(receive(static_cast<std::uint8_t>(*id + 1), counter, State::kDone), RequestLedger::State::kSent);
   EXPECT_EQ(confirmed, 0);
-  EXPECT_EQ(hear(*id, counter, State::kTaken), RequestLedger::State::kTaken);
-  EXPECT_EQ(hear(*id, counter, State::kDone), RequestLedger::State::kDone);
+  EXPECT_EQ(receive(*id, counter, State::kTaken), RequestLedger::State::kTaken);
+  EXPECT_EQ(receive(*id, counter, State::kDone), RequestLedger::State::kDone);
   EXPECT_EQ(confirmed, 2);
   for (int n = 0; n < 40; ++n) ledger.add(request, 7);
   EXPECT_EQ(ledger.entries().size(), RequestLedger::kMaxEntries);
@@ -248,7 +249,7 @@ TEST(RequestLedger, WhatWasSaidAsOftenAsItIsAndThatNoReportNamesHasNoAnswer) {
 
 TEST(LinkHistory, AClockThatBeganInAnotherDecadeDoesNotStretchIt) {
   LinkHistory history;
-  constexpr std::int64_t kSecond_ns = 1'000'000'000, kNow_ns = 1'790'000'000 * kSecond_ns;
+  constexpr std::int64_t kNow_ns = 1'790'000'000 * kSecond_ns;
   for (int k = 0; k < 100; ++k) history.add(k * 20 * kSecond_ns, 100, true, 0);
   for (int k = 0; k < 100; ++k) history.add(kNow_ns + k * 20 * kSecond_ns, 100, true, 0);
   EXPECT_EQ(history.step(), LinkHistory::kFirstStep_ns);

@@ -28,10 +28,6 @@ constexpr double kMostDelay_s = 0.1;
 #endif
 constexpr auto kPoll = 5ms;
 
-double secondsSince(Clock::time_point begin) {
-  return std::chrono::duration<double>(Clock::now() - begin).count();
-}
-
 // A model that holds as many blocks and track points as any dive gives, and a thread that takes its lock as
 // reception does.
 class Reception : public ::testing::Test {
@@ -43,14 +39,14 @@ class Reception : public ::testing::Test {
     const std::size_t room = frame.size() - telemetry::kFrameOverhead;
     std::uint16_t sequence = 0;
     std::int64_t now = dive_.start_utc_ns;
-    const auto hear = [&](telemetry::MessageType type, std::size_t size) {
+    const auto receive = [&](telemetry::MessageType type, std::size_t size) {
       const std::size_t length =
           telemetry::encodeFrame({dive_.identity, sequence++, type, false},
                                  std::span<const std::uint8_t>(payload).first(size), frame);
       shared_.model->accept(std::span<const std::uint8_t>(frame).first(length), now += 1'000'000);
     };
-    hear(telemetry::MessageType::kMissionInfo,
-         telemetry::encodeMissionInfo({"sirius", {-0.4, 2.65}, dive_.start_utc_ns, 0}, payload));
+    receive(telemetry::MessageType::kMissionInfo,
+            telemetry::encodeMissionInfo({"sirius", {-0.4, 2.65}, dive_.start_utc_ns, 0}, payload));
     telemetry::MapPacketEncoder encoder;
     for (std::int32_t n = 0; n < kSide; ++n) {
       std::vector<telemetry::MapBlock> row;
@@ -58,7 +54,7 @@ class Reception : public ::testing::Test {
       for (std::span<const telemetry::MapBlock> left = row; !left.empty();) {
         const auto packed = encoder.encode(left, {0.05, 3}, std::span(payload).first(room));
         ASSERT_GT(packed.blocks, 0U);
-        hear(telemetry::MessageType::kMapPacket, packed.bytes);
+        receive(telemetry::MessageType::kMapPacket, packed.bytes);
         left = left.subspan(packed.blocks);
       }
     }
@@ -68,7 +64,7 @@ class Reception : public ::testing::Test {
       const double along = 0.1 * i;
       points.push_back({dive_.start_utc_ns + i * 180'000'000LL, std::fmod(along, 250), along / 100, 20});
       if (points.size() < 20) continue;
-      hear(telemetry::MessageType::kTrack, telemetry::encodeTrack(points, std::span(payload).first(room)));
+      receive(telemetry::MessageType::kTrack, telemetry::encodeTrack(points, std::span(payload).first(room)));
       points.clear();
     }
     ASSERT_GT(shared_.model->map().store().size(), 60'000U);
@@ -86,10 +82,10 @@ class Reception : public ::testing::Test {
       while (!over) {
         auto begin = Clock::now();
         { const std::lock_guard lock(shared_.mutex); }
-        longest_s = std::max(longest_s, secondsSince(begin));
+        longest_s = std::max(longest_s, rt::secondsSince(begin));
         begin = Clock::now();
         std::this_thread::sleep_for(kPoll);
-        late_s = std::max(late_s, secondsSince(begin) - std::chrono::duration<double>(kPoll).count());
+        late_s = std::max(late_s, rt::secondsSince(begin) - std::chrono::duration<double>(kPoll).count());
       }
     });
     beside();
@@ -118,7 +114,7 @@ TEST_F(Reception, IsNotDelayedByAnyPageRequestOrExport) {
       client.set_read_timeout(60);
       const auto begin = Clock::now();
       const auto got = client.Get(path);
-      took_s = secondsSince(begin);
+      took_s = rt::secondsSince(begin);
       ASSERT_TRUE(got);
       EXPECT_EQ(got->status, 200) << path;
     });
@@ -137,7 +133,7 @@ TEST_F(Reception, IsNotDelayedByManyClientsTogether) {
     for (int i = 0; i < 8; ++i)
       clients.emplace_back([&, i] {
         const auto begin = Clock::now();
-        while (secondsSince(begin) < 4) {
+        while (rt::secondsSince(begin) < 4) {
           httplib::Client client("127.0.0.1", server.port());
           client.set_read_timeout(60);
           const char* path = i == 0   ? "/api/export/map.ply"
@@ -164,7 +160,7 @@ TEST_F(Reception, IsNotDelayedBySavingTheExports) {
     EXPECT_TRUE(fs::exists(out / name)) << name;
 }
 
-TEST_F(Reception, AnExportThatCannotBeWrittenIsToldAndEndsNothing) {
+TEST_F(Reception, AnExportThatCannotBeWrittenIsReportedAndEndsNothing) {
   const fs::path out = folder_.path() / "out";  // there is none
   { const SessionKeeper keeper(shared_, nullptr, out); }
   EXPECT_NE(shared_.not_kept.find("map.ply"), std::string::npos) << shared_.not_kept;

@@ -19,9 +19,9 @@
 
 namespace fathom::monitor {
 
-// A made-up lawnmower dive as the link carries it: for tests of what receives it. Every block is sent coarse
-// (1 m) when the vehicle comes near and at 25 cm once it has passed; nothing is repeated. In the second half
-// a part of the first lines is sent again, 30 cm deeper.
+// A synthetic lawnmower dive as the link carries it, for tests of what receives it. Every block is sent
+// coarse (1 m) when the vehicle comes near and at 25 cm once it has passed; nothing is repeated. In the
+// second half a part of the first lines is sent again, 30 cm deeper.
 struct SampleDive {
   telemetry::LinkIdentity identity{7, 42};
   telemetry::FrameTag tag = {};
@@ -55,9 +55,9 @@ struct SampleDive {
 
   [[nodiscard]] telemetry::Status statusAt(double t) const {
     telemetry::Status s;
-    const double way = kSpeed_mps * t;
-    const int line = static_cast<int>(way / line_m);
-    const double along = way - line * line_m;
+    const double path = kSpeed_mps * t;
+    const int line = static_cast<int>(path / line_m);
+    const double along = path - line * line_m;
     s.utc_ns = start_utc_ns + static_cast<std::int64_t>(t * 1e9);
     s.north = line % 2 == 0 ? along : line_m - along;
     s.east = start_east + line * spacing_m;
@@ -69,7 +69,7 @@ struct SampleDive {
     s.battery = std::max(0.1, 0.96 - t / 24000);
     s.pairs_seen = static_cast<std::uint32_t>(2 * t);
     s.pairs_dropped = s.pairs_seen / 50;
-    s.map_area = way * spacing_m;
+    s.map_area = path * spacing_m;
     s.mission_progress = t / duration_s;
     s.health = t > duration_s / 2 ? telemetry::kHealthNoFix : 0;
     return s;
@@ -98,7 +98,8 @@ struct SampleDive {
     double budget = 0;  // bytes
     const auto frame = [&](telemetry::MessageType type, std::span<const std::uint8_t> payload) {
       std::array<std::uint8_t, telemetry::kMaxFrameBytes> bytes;
-      const std::size_t size = telemetry::encodeFrame({identity, version++, type, false}, payload, bytes, tag);
+      const std::size_t size =
+          telemetry::encodeFrame({identity, version++, type, false}, payload, bytes, tag);
       budget -= static_cast<double>(size);
       if (random() >= loss * 4294967296.0) send(now, std::span<const std::uint8_t>(bytes).first(size));
     };

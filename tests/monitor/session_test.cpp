@@ -3,8 +3,9 @@
 #include <filesystem>
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
-#include "telemetry/monitor/export/export_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
 #include "telemetry/monitor/session_files.hpp"
 #include "telemetry/wire/bundle.hpp"
@@ -73,10 +74,10 @@ TEST_F(Session, TheLinkFramesOfBundlesAreKeptOneByOne) {
         modem.add(packets[next].bytes.size());
       }
       const std::size_t size = modem.finish();
-      EXPECT_TRUE(together.hear(std::span(bundle).first(size), packets.back().utc_ns,
-                                [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
-                                  files.log(frame, link_frame, packets.back().utc_ns, false);
-                                }));
+      EXPECT_TRUE(together.receive(std::span(bundle).first(size), packets.back().utc_ns,
+                                   [&](const auto& frame, std::span<const std::uint8_t> link_frame) {
+                                     files.log(frame, link_frame, packets.back().utc_ns, false);
+                                   }));
     }
   }
   EXPECT_EQ(together.map().store().size(), alone.map().store().size());
@@ -237,25 +238,24 @@ TEST_F(Session, ARecordingPlaysPausesSeeksAndGoesBack) {
       return p.utc_ns <= packets.front().utc_ns + static_cast<std::int64_t>(t * 1e9);
     }));
   };
-  constexpr std::int64_t kSecond = 1'000'000'000;
-  recording.setSpeed(10, kSecond);
-  while (recording.poll(take, 3 * kSecond) > 0) {
+  recording.setSpeed(10, kSecond_ns);
+  while (recording.poll(take, 3 * kSecond_ns) > 0) {
   }
   EXPECT_EQ(given, upTo(20));
-  recording.setPlaying(false, 3 * kSecond);
-  EXPECT_EQ(recording.poll(take, 90 * kSecond), 0U);
-  EXPECT_FALSE(recording.seek(packets.front().utc_ns + 50 * kSecond, 90 * kSecond));
-  while (recording.poll(take, 90 * kSecond) > 0) {
+  recording.setPlaying(false, 3 * kSecond_ns);
+  EXPECT_EQ(recording.poll(take, 90 * kSecond_ns), 0U);
+  EXPECT_FALSE(recording.seek(packets.front().utc_ns + 50 * kSecond_ns, 90 * kSecond_ns));
+  while (recording.poll(take, 90 * kSecond_ns) > 0) {
   }
   EXPECT_EQ(given, upTo(50));
   given = 0;
-  EXPECT_TRUE(recording.seek(packets.front().utc_ns + 10 * kSecond, 91 * kSecond));
-  while (recording.poll(take, 91 * kSecond) > 0) {
+  EXPECT_TRUE(recording.seek(packets.front().utc_ns + 10 * kSecond_ns, 91 * kSecond_ns));
+  while (recording.poll(take, 91 * kSecond_ns) > 0) {
   }
   EXPECT_EQ(given, upTo(10));
-  recording.setSpeed(0, 92 * kSecond);
-  recording.setPlaying(true, 92 * kSecond);
-  while (!recording.finished()) recording.poll(take, 92 * kSecond);
+  recording.setSpeed(0, 92 * kSecond_ns);
+  recording.setPlaying(true, 92 * kSecond_ns);
+  while (!recording.finished()) recording.poll(take, 92 * kSecond_ns);
   EXPECT_EQ(given, packets.size());
   EXPECT_EQ(recording.atUtcNs(), packets.back().utc_ns);
 }
@@ -273,11 +273,11 @@ TEST_F(Session, ARecordingDamagedInTheMiddleKeepsWhatComesBefore) {
   EXPECT_THROW(Recording(folder_ / "packets.bin"), InputError);
 }
 
-// Gives one frame after the other and counts those that it was told were true.
+// Gives one frame after the other and records those that were reported as accepted.
 struct CountingPort final : FramePort {
   std::vector<std::vector<std::uint8_t>> frames;
   std::size_t given = 0;
-  std::vector<std::size_t> true_frames;
+  std::vector<std::size_t> accepted_frames;
   bool send(std::span<const std::uint8_t>) noexcept override { return true; }
   std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
     if (given == frames.size()) return 0;
@@ -286,26 +286,27 @@ struct CountingPort final : FramePort {
     return frame.size();
   }
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
-  void answerHeard() noexcept override { true_frames.push_back(given - 1); }
+  void answerLastSender() noexcept override { accepted_frames.push_back(given - 1); }
 };
 
-TEST(LiveFeed, TellsThePortWhichFramesWereTrue) {
+TEST(LiveFeed, ReportsToThePortWhichFramesWereAccepted) {
   const auto packets = packetsOf(60);
   auto port = std::make_unique<CountingPort>();
-  CountingPort& told = *port;
+  CountingPort& counting = *port;
   std::vector<std::uint8_t> damaged = packets[1].bytes;
   damaged.back() ^= 1;
-  told.frames = {packets[0].bytes, std::vector<std::uint8_t>(40, 0xAB), damaged, packets[0].bytes,
-                 packets[1].bytes};
+  counting.frames = {packets[0].bytes, std::vector<std::uint8_t>(40, 0xAB), damaged, packets[0].bytes,
+                     packets[1].bytes};
   std::vector<std::unique_ptr<FramePort>> ports;
   ports.push_back(std::move(port));
   LiveFeed feed(std::move(ports));
   MonitorModel model;
   EXPECT_EQ(feed.poll([&](std::span<const std::uint8_t> bytes, std::int64_t utc_ns) {
-    return model.hear(bytes, utc_ns);
+    return model.receive(bytes, utc_ns);
   }),
             5U);
-  EXPECT_EQ(told.true_frames, (std::vector<std::size_t>{0, 4})) << "one that comes again may be replayed";
+  EXPECT_EQ(counting.accepted_frames, (std::vector<std::size_t>{0, 4}))
+      << "one that comes again may be replayed";
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "telemetry/monitor/web/page_requests.hpp"
+#include "telemetry/monitor/web/page_api.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
 #include "telemetry/web/access.hpp"
 #include "tests/monitor/sample_dive.hpp"
@@ -47,7 +47,7 @@ TEST(PageRequests, ReadWhatIsInBoundsAndNothingElse) {
   EXPECT_FALSE(parseFix(R"({"utc_s":1.79e9,"latitude_deg":-97.5,"longitude_deg":153.5})", why));
 }
 
-// A server over a live link with a key, heard from once, and a client.
+// A server over a live link with a key, received from once, and a client.
 class Served : public ::testing::Test {
  protected:
   static telemetry::LinkKey key() {
@@ -116,12 +116,13 @@ TEST_F(Served, HostilePostsAreRefusedAndChangeNothing) {
   EXPECT_TRUE(shared_.model->requests().entries().empty());
   EXPECT_EQ(post("/api/request", good, page), 200);
   ASSERT_EQ(shared_.model->requests().entries().size(), 1U);
+  int last = 0;
   for (int n = 0; n < 40; ++n)
-    (void)post("/api/request",
-               R"({"kind":"detail","north_m":[0,1],"east_m":[0,1],"spacing_m":0.25,"max_error_m":0.05})",
-               page);
+    last =
+        post("/api/request",
+             R"({"kind":"detail","north_m":[0,1],"east_m":[0,1],"spacing_m":0.25,"max_error_m":0.05})", page);
+  EXPECT_EQ(last, 503) << "more than DownlinkSender::kMaxRequests wait";
   EXPECT_LE(shared_.model->requests().entries().size(), RequestLedger::kMaxEntries);
-  EXPECT_LE(shared_.model->link().sender()->requestsWaiting(), telemetry::DownlinkSender::kMaxRequests);
 }
 
 TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAskedFor) {
@@ -148,24 +149,24 @@ TEST_F(Served, ARequestGoesFromQueuedToSentAtTheShipsTurnAndIsAnsweredByWhatItAs
   telemetry::DecodedDownlink said;
   ASSERT_TRUE(telemetry::decodeDownlink(
       telemetry::decodeFrame(std::span(frame).first(spoken)).payload.first(spoken - 15), said));
-  const auto hear = [&](telemetry::Version sequence, telemetry::DownlinkCounter counter) {
-    telemetry::Report report;
+  const auto receive = [&](telemetry::Version sequence, telemetry::DownlinkCounter counter) {
+    telemetry::StateReport report;
     report.paused = true;
     report.requests[0] = {telemetry::RequestOutcome::State::kDone, said.content.request->id, counter};
-    const std::size_t bytes = telemetry::encodeReport(report, payload);
+    const std::size_t bytes = telemetry::encodeStateReport(report, payload);
     const std::size_t whole =
         telemetry::encodeFrame({{7, 42}, first + sequence, telemetry::MessageType::kReport, false},
                                std::span<const std::uint8_t>(payload).first(bytes), frame, tag);
     shared_.model->accept(std::span<const std::uint8_t>(frame).first(whole), now + 5'000'000'000);
   };
-  hear(201, said.counter + 1);  // of another request
+  receive(201, said.counter + 1);  // of another request
   EXPECT_EQ(state(), "sent");
-  hear(202, said.counter);
+  receive(202, said.counter);
   EXPECT_EQ(state(), "done");
   EXPECT_TRUE(nlohmann::json::parse(client_->Get("/api/state")->body)["downlink"]["paused"].get<bool>());
 }
 
-TEST_F(Served, ExportsComeWithTheirNamesAndEventsTellOfGrowth) {
+TEST_F(Served, ExportsComeWithTheirNamesAndEventsFollowChanges) {
   serve("");
   for (const char* name : {"map.ply", "elevation.tif", "colour.tif", "track.geojson"}) {
     const auto got = client_->Get(std::string("/api/export/") + name);
@@ -173,12 +174,12 @@ TEST_F(Served, ExportsComeWithTheirNamesAndEventsTellOfGrowth) {
     EXPECT_NE(got->get_header_value("Content-Disposition").find(name), std::string::npos);
     EXPECT_GT(got->body.size(), 200U);
   }
-  std::string heard;
+  std::string received;
   client_->Get("/api/events", [&](const char* data, std::size_t length) {
-    heard.append(data, length);
-    return heard.find("\n\n") == std::string::npos;
+    received.append(data, length);
+    return received.find("\n\n") == std::string::npos;
   });
-  EXPECT_EQ(heard.rfind("data: {\"epoch\":\"1.0\",\"version\":", 0), 0U) << heard;
+  EXPECT_EQ(received.rfind("data: {\"epoch\":\"1.0\",\"version\":", 0), 0U) << received;
 }
 
 }  // namespace

@@ -3,8 +3,8 @@
 #include <cstring>
 #include <iterator>
 
+#include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/state_archive.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "tests/support/test_data.hpp"
@@ -149,7 +149,7 @@ TEST_F(CheckpointsAgain, NeverWritesOverTheOneThatItReadWhateverItsNumber) {
   EXPECT_EQ(numbers(), (Numbers{5, 3}));
 }
 
-TEST_F(CheckpointsAgain, BeforeItReadAnythingTheOlderGivesWayOrTheOneThatIsOfNoUse) {
+TEST_F(CheckpointsAgain, BeforeItReadAnythingTheOlderOrAnUnusableOneIsReplaced) {
   ASSERT_TRUE(again.write(headOf(4), stateOf(4)));
   EXPECT_EQ(numbers(), (Numbers{4, 2}));
 
@@ -193,7 +193,7 @@ TEST_F(CheckpointsAgain, AStateIsReadIntoRoomThatIsThere) {
   EXPECT_FALSE(again.read(2, room, said));
 }
 
-// A restart has the memory of a dive that goes on.
+// A restart has no more memory than a running dive.
 TEST_F(Checkpoints, ALargeStateIsReadWithoutMemoryOfItsSizeBesideTheRoom) {
   constexpr std::size_t kLarge = std::size_t{64} << 20, kBeside = std::size_t{1} << 20;
   std::vector<std::uint8_t> room(kLarge, 1);

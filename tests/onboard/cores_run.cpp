@@ -3,7 +3,7 @@
 #include <array>
 #include <variant>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 
 namespace fathom::onboard::testing {
 namespace {

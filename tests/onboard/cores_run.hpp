@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/log/onboard_input.hpp"
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"

@@ -5,9 +5,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/wire/bundle.hpp"
@@ -19,11 +20,9 @@ namespace {
 
 // A simulated dive of 30 pairs with truth/, rendered by the build before this test runs.
 const std::filesystem::path kMission = FATHOM_REEF_MISSION;
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr double kDegrees = 180 / std::numbers::pi;
 using Bytes = std::vector<std::uint8_t>;
 
-// A modem that receives what it was told to, when the mission comes to that time.
+// A modem that receives given frames at given mission times.
 class ScriptedModem final : public FramePort {
  public:
   void at(std::int64_t utc_ns, Bytes frame) { script_.emplace_back(utc_ns, std::move(frame)); }
@@ -60,7 +59,7 @@ class DownlinkReplay : public ::testing::Test {
                          [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
     const Eigen::Vector3d p = (after == truth_.end() ? truth_.back() : *after).pose.translation();
     const Geodetic g = local_->toGeodetic({p.x() + off, p.y()});
-    return {utc_ns, g.latitude * kDegrees, g.longitude * kDegrees, p.z(), 0.3};
+    return {utc_ns, g.latitude * kDegreesPerRadian, g.longitude * kDegreesPerRadian, p.z(), 0.3};
   }
 
   // Fixes a second old each second, all off alike, with noise and a stranger's frames between them.
@@ -149,7 +148,7 @@ TEST_F(DownlinkReplay, FixesFromTheShipMoveTheTrackAndTheirRecordingReplaysToThe
   EXPECT_FALSE(std::filesystem::exists(folder_.path() / "alone" / "downlink.bin"));
 }
 
-TEST_F(DownlinkReplay, AVehicleWithAKeyHearsNobodyWithoutIt) {
+TEST_F(DownlinkReplay, AVehicleWithAKeyAcceptsNoFrameWithoutIt) {
   telemetry::makeLinkKey(folder_.path() / "ship.key");
   std::ofstream(folder_.path() / "onboard.toml") << "[link]\nkey_file = \"ship.key\"\n";
   replay(into("alone"));

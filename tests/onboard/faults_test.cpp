@@ -20,7 +20,7 @@ ReplaySummary run(const std::filesystem::path& out, bool no_slam) {
   return replay(options);
 }
 
-TEST(Faults, SensorsThatDieJumpAndLieCostCentimetresAndTwoReplaysAgreeInEveryByte) {
+TEST(Faults, DeadJumpingAndOutlyingSensorsCostCentimetresAndTwoReplaysAgreeInEveryByte) {
   const test::TemporaryFolder folder;
   const ReplaySummary summary = run(folder.path() / "a", false);
   EXPECT_EQ(summary.unreadable_images, 0u);

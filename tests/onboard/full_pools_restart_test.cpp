@@ -5,11 +5,11 @@
 #include <memory>
 #include <random>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/restarting_run.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
-#include "recon/closure/feature_slot.hpp"
+#include "recon/closure/frame_features.hpp"
 #include "tests/onboard/cores_run.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -46,8 +46,7 @@ class FullPools : public ::testing::Test {
   }
 
   [[nodiscard]] std::size_t featureBytes() const {
-    return closure::slotBytes(closure::DescriptorKind::kRootSift,
-                              static_cast<std::size_t>(mission.config.localisation.features));
+    return closure::slotBytes(static_cast<std::size_t>(mission.config.localisation.features));
   }
   [[nodiscard]] std::size_t meshBytes() const {
     return meshSlotBytes(static_cast<std::size_t>(mission.config.stereo.max_features));
@@ -157,7 +156,7 @@ TEST_F(FullPools, ADiveCutOffTwiceIsTheOneThatItsLogReplaysTo) {
 }
 
 // What a drive without protection leaves of a journal that was not flushed: records up to somewhere, rubbish
-// behind them or nothing, and the machine has booted anew.
+// behind them or nothing, and the machine has booted again.
 TEST_F(FullPools, AfterAPowerLossAStateIsUsedIfTheSlotsHoldWhatItKnows) {
   addUpTo(0.35);
   const std::size_t one = addMark(io::Mark::Kind::kCheckpoint, 1);

@@ -1,9 +1,10 @@
 #include <gtest/gtest.h>
 
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/localisation/keyframe_features.hpp"
 #include "realtime/onboard/localisation/keyframe_selection.hpp"
 #include "realtime/onboard/localisation/tried_pairs.hpp"
-#include "tests/onboard/made_dive.hpp"
+#include "tests/onboard/synthetic_survey.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -12,8 +13,6 @@ using testing::MemorySlots;
 
 const calibration::RigHistory kRigs{StereoRig{}};  // never known better
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-
 bool takeAt(KeyframeSelection& selection, double north, std::int64_t utc_ns, double yaw = 0) {
   const SE3 pose = SE3::fromEuler(0, 0, yaw, {north, 0, 10});
   return selection.take(utc_ns, pose, {{north, 0}, 0.8});
@@ -21,27 +20,27 @@ bool takeAt(KeyframeSelection& selection, double north, std::int64_t utc_ns, dou
 
 TEST(KeyframeSelection, TakesTheFirstThenThoseThatShareTooLittleTurnedOrComeLate) {
   KeyframeSelection selection(LocalisationConfig{});
-  EXPECT_TRUE(takeAt(selection, 0, kSecond));
-  EXPECT_FALSE(takeAt(selection, 0.1, kSecond + 1));
+  EXPECT_TRUE(takeAt(selection, 0, kSecond_ns));
+  EXPECT_FALSE(takeAt(selection, 0.1, kSecond_ns + 1));
   // Discs of 0.8 m that share 70 % of their area are 0.48 of their radius apart.
-  EXPECT_FALSE(takeAt(selection, 0.37, kSecond + 2));
+  EXPECT_FALSE(takeAt(selection, 0.37, kSecond_ns + 2));
   const SE3 near(Eigen::Quaterniond::Identity(), {0.37, 0, 0});
-  EXPECT_FALSE(selection.due(kSecond + 2, near, {{0.37, 0}, 0.8}, true));
-  EXPECT_TRUE(selection.due(kSecond + 2, near, {{0.37, 0}, 0.8}, true, {0.03, 0})) << "if it is corrected";
-  EXPECT_TRUE(takeAt(selection, 0.40, kSecond + 3));
-  EXPECT_FALSE(takeAt(selection, 0.40, kSecond + 4, 0.3));
-  EXPECT_TRUE(takeAt(selection, 0.40, kSecond + 5, 0.4));
-  EXPECT_FALSE(takeAt(selection, 0.40, 4 * kSecond, 0.4));
-  EXPECT_TRUE(takeAt(selection, 0.40, 6 * kSecond, 0.4));
+  EXPECT_FALSE(selection.due(kSecond_ns + 2, near, {{0.37, 0}, 0.8}, true));
+  EXPECT_TRUE(selection.due(kSecond_ns + 2, near, {{0.37, 0}, 0.8}, true, {0.03, 0})) << "if it is corrected";
+  EXPECT_TRUE(takeAt(selection, 0.40, kSecond_ns + 3));
+  EXPECT_FALSE(takeAt(selection, 0.40, kSecond_ns + 4, 0.3));
+  EXPECT_TRUE(takeAt(selection, 0.40, kSecond_ns + 5, 0.4));
+  EXPECT_FALSE(takeAt(selection, 0.40, 4 * kSecond_ns, 0.4));
+  EXPECT_TRUE(takeAt(selection, 0.40, 6 * kSecond_ns, 0.4));
 }
 
-TEST(KeyframeSelection, TakesEveryFrameWhileOdometryCannotBeTrusted) {
+TEST(KeyframeSelection, TakesEveryFrameWhileOdometryIsUnreliable) {
   KeyframeSelection selection(LocalisationConfig{});
   const SE3 pose = SE3::fromEuler(0, 0, 0, {0, 0, 10});
   const closure::Footprint seen{{0, 0}, 0.8};
-  EXPECT_TRUE(selection.take(kSecond, pose, seen));
-  EXPECT_FALSE(selection.take(kSecond + 1, pose, seen));
-  for (int i = 2; i < 100; ++i) EXPECT_TRUE(selection.take(kSecond + i, pose, seen, false));
+  EXPECT_TRUE(selection.take(kSecond_ns, pose, seen));
+  EXPECT_FALSE(selection.take(kSecond_ns + 1, pose, seen));
+  for (int i = 2; i < 100; ++i) EXPECT_TRUE(selection.take(kSecond_ns + i, pose, seen, false));
 }
 
 closure::FrameFeatures featuresOf(int number) {
@@ -58,7 +57,7 @@ closure::FrameFeatures featuresOf(int number) {
 }
 
 MemorySlots slotsFor(std::size_t slots) {
-  return {slots, closure::slotBytes(closure::DescriptorKind::kRootSift, 20)};
+  return {slots, closure::slotBytes(20)};
 }
 
 TEST(KeyframeFeatures, OldOnesComeBackFromTheirSlotsAsTheyWere) {
@@ -73,16 +72,16 @@ TEST(KeyframeFeatures, OldOnesComeBackFromTheirSlotsAsTheyWere) {
   }
   EXPECT_EQ(store.find(60), nullptr);
   EXPECT_EQ(store.find(-1), nullptr);
-  EXPECT_EQ(store.counters().given_way, 0u);
+  EXPECT_EQ(store.counters().evicted, 0u);
 }
 
-TEST(KeyframeFeatures, PointsLieWhereTheRigAsItIsKnownNowHasThem) {
-  StereoRig told;
-  told.left = told.right = {680, 512, 900, 900, 340, 256};
-  told.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
-  StereoRig found = told;
+TEST(KeyframeFeatures, PointsAreThoseOfThePresentRig) {
+  StereoRig nominal;
+  nominal.left = nominal.right = {680, 512, 900, 900, 340, 256};
+  nominal.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
+  StereoRig found = nominal;
   found.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.077, 0, 0});
-  calibration::RigHistory rigs(told);
+  calibration::RigHistory rigs(nominal);
   MemorySlots slots = slotsFor(100);
   KeyframeFeatures store(&slots, 100, 20, rigs);
   closure::FrameFeatures features = featuresOf(1);
@@ -94,7 +93,7 @@ TEST(KeyframeFeatures, PointsLieWhereTheRigAsItIsKnownNowHasThem) {
     EXPECT_NEAR(store.find(k)->features[0].point.z(), 2.2, 1e-5) << k;
     EXPECT_NEAR(store.find(k)->features[0].covariance[5], 1e-5 * std::pow(1.1, 4), 1e-8) << k;
   }
-  rigs.add(told, false);  // knocked: then it stood as it was found
+  rigs.add(nominal, false);  // knocked: then it stood as it was found
   EXPECT_NEAR(store.find(2)->features[0].point.z(), 2.2, 1e-5);
 }
 
@@ -110,16 +109,16 @@ TEST(KeyframeFeatures, TwoThatWereFoundOneAfterTheOtherStayBoth) {
   }
 }
 
-TEST(KeyframeFeatures, FullOfSlotsTheKeyframeAmongTheClosestNeighboursGivesWay) {
+TEST(KeyframeFeatures, WithoutFreeSlotsTheKeyframeAmongTheClosestNeighboursIsEvicted) {
   MemorySlots slots = slotsFor(20);
   KeyframeFeatures store(&slots, 100, 20, kRigs);
   for (int k = 0; k < 20; ++k) store.add(featuresOf(k), {k == 8 ? 7.6 : k == 9 ? 8.0 : 1.0 * k, 0, 0}, 0);
   for (int k = 20; k < 21; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0}, 0);
-  EXPECT_EQ(store.counters().given_way, 1u);
+  EXPECT_EQ(store.counters().evicted, 1u);
   for (int k = 21; k < 40; ++k) store.add(featuresOf(k), {1.0 * k, 0, 0}, 0);
   // Number 8 lay between neighbours 1 m apart, the others 2 m.
   EXPECT_EQ(store.find(8), nullptr);
-  EXPECT_EQ(store.counters().given_way, 20u);
+  EXPECT_EQ(store.counters().evicted, 20u);
   int left = 0;
   for (int k = 0; k < 40; ++k) left += store.find(k) != nullptr;
   EXPECT_GE(left, 20);
@@ -132,7 +131,7 @@ TEST(KeyframeFeatures, AKeyframeThatRetiresLeavesItsSlotToAnother) {
     if (store.keyframes().size() == 24) store.retire(k % 7 == 0 ? store.keyframes()[0] : k - 20);
     store.add(featuresOf(k), {0.5 * k, 0, 0}, 0);
   }
-  EXPECT_EQ(store.counters().given_way, 0u);
+  EXPECT_EQ(store.counters().evicted, 0u);
   EXPECT_EQ(store.counters().stored, 500u);
   EXPECT_FALSE(store.has(0));
   EXPECT_EQ(store.find(0), nullptr);
@@ -168,7 +167,7 @@ TEST(TriedPairs, RemembersPairsAndForgetsAllRatherThanGrow) {
   EXPECT_TRUE(tried.contains(999, 1004));
 }
 
-TEST(TriedPairs, APairMayBeTriedAgainWhereItLiesElsewhereThanWasThought) {
+TEST(TriedPairs, APairMayBeTriedAgainWhenItsSeparationHasChanged) {
   TriedPairs tried(100);
   tried.insert(3, 4, {2.0, 1.0}, 0.5);
   EXPECT_TRUE(tried.contains(3, 4, {2.3, 1.3}));

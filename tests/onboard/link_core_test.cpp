@@ -1,5 +1,3 @@
-#include "realtime/onboard/link/link_core.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,15 +6,16 @@
 #include <set>
 #include <stdexcept>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/frame_port.hpp"
+#include "realtime/onboard/link/link_core.hpp"
+#include "realtime/onboard/link/mission_progress.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "tests/support/lattice_mesh.hpp"
 
 namespace fathom::onboard {
 namespace {
-
-constexpr std::int64_t kSecond = 1'000'000'000;
 
 fusion::QuadtreeConfig mapConfig() {
   fusion::QuadtreeConfig config;
@@ -59,8 +58,8 @@ TEST(LinkCore, LooksAtASquareInViewNoMoreThanOnceASecond) {
   LinkCore link(linkConfig());
   for (int tenth = 0; tenth <= 30; ++tenth) {
     const float reach = 1.0F + 0.1F * static_cast<float>(tenth);
-    link.noteMapped(mapped(map, tenth * kSecond / 10, 0.5F, 0.5F, reach));
-    link.offerTiles(map, tenth * kSecond / 10);
+    link.noteMapped(mapped(map, tenth * kSecond_ns / 10, 0.5F, 0.5F, reach));
+    link.offerTiles(map, tenth * kSecond_ns / 10);
     const double known = link.mappedArea(), now = reach * reach;
     EXPECT_LE(known, now + 0.8);
     const double second_ago = std::max(0.0F, reach - 1.1F) * std::max(0.0F, reach - 1.1F);
@@ -79,12 +78,12 @@ TEST(LinkCore, EverythingGoesOutWhenTheSurveyIsOverAndThenItIsDrained) {
   std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
   std::size_t bytes = 0;
   std::int64_t now = 0;
-  for (; now < 3600 * kSecond && !link.drained(); now += kSecond)
+  for (; now < 3600 * kSecond_ns && !link.drained(); now += kSecond_ns)
     while (const std::size_t size = link.nextFrame(now, buffer)) bytes += size;
   EXPECT_TRUE(link.drained());
-  EXPECT_LT(now, 120 * kSecond);
+  EXPECT_LT(now, 120 * kSecond_ns);
   // The rate holds: 300 bit/s, and two frames of burst.
-  EXPECT_LE(static_cast<double>(bytes), 300.0 / 8 * static_cast<double>(now / kSecond) + 2 * 128 + 1);
+  EXPECT_LE(static_cast<double>(bytes), 300.0 / 8 * static_cast<double>(now / kSecond_ns) + 2 * 128 + 1);
 }
 
 TEST(LinkCore, TellsWhichSquaresTheShipHoldsWholeOnceItSaysSo) {
@@ -95,10 +94,10 @@ TEST(LinkCore, TellsWhichSquaresTheShipHoldsWholeOnceItSaysSo) {
   telemetry::LinkReceiver ship;
   std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
   std::set<std::pair<int, int>> whole;
-  for (std::int64_t now = 0; now < 120 * kSecond; now += kSecond) {
+  for (std::int64_t now = 0; now < 120 * kSecond_ns; now += kSecond_ns) {
     while (const std::size_t size = link.nextFrame(now, buffer))
       ship.accept(std::span(buffer).first(size), [](const auto&) { return true; });
-    if (now < 60 * kSecond) continue;  // until then nobody has said anything
+    if (now < 60 * kSecond_ns) continue;  // until then nobody has said anything
     link.acknowledge(ship.acknowledgement(), now, [&](const fusion::TileKey& key) {
       EXPECT_EQ(key.level, 3);
       whole.insert({key.north_index, key.east_index});
@@ -145,7 +144,7 @@ TEST(LinkCore, GroundThatTheMapHasLeftIsWithdrawnWithTheDetailThatWasAskedForAnd
   std::map<telemetry::BlockKey, std::uint16_t> shown;
   std::int64_t now = 0;
   const auto converse = [&] {
-    for (const std::int64_t end = now + 300 * kSecond; now < end; now += kSecond) {
+    for (const std::int64_t end = now + 300 * kSecond_ns; now < end; now += kSecond_ns) {
       while (const std::size_t size = link.nextFrame(now, buffer))
         ship.accept(std::span(buffer).first(size), [&](const telemetry::LinkReceiver::Message& m) {
           if (m.type == telemetry::MessageType::kMapPacket && decoder.decode(m.payload, packet))
@@ -186,6 +185,51 @@ TEST(LinkCore, RefusesASpacingThatTheMapDoesNotHave) {
   EXPECT_THROW(LinkCore{config}, std::invalid_argument);
   config.scheduler.blocks.spacing = config.scheduler.blocks.coarse_spacing = 1.0 / 64;  // finer than the map
   EXPECT_THROW(LinkCore{config}, std::invalid_argument);
+}
+
+}  // namespace
+
+namespace {
+
+// Two 20 m lines 2 m apart: 42 m in all.
+const std::vector<Eigen::Vector2d> kLawnmower = {{0, 0}, {20, 0}, {20, 2}, {0, 2}};
+
+TEST(MissionProgress, NeedsAPlan) {
+  MissionProgress progress({});
+  progress.update({3, 4});
+  EXPECT_FALSE(progress.fraction().has_value());
+}
+
+TEST(MissionProgress, FollowsALawnmowerToItsEnd) {
+  MissionProgress progress(kLawnmower, 0.5);
+  for (double n = 0; n <= 20; n += 0.25) progress.update({n, 0.1});
+  EXPECT_NEAR(*progress.fraction(), 20.0 / 42, 0.03);
+  for (double e = 0; e <= 2; e += 0.25) progress.update({20, e});
+  for (double n = 20; n >= 0; n -= 0.25) progress.update({n, 2.1});
+  EXPECT_NEAR(*progress.fraction(), 1.0, 1e-9);
+}
+
+TEST(MissionProgress, DoesNotJumpToTheNeighbouringLine) {
+  MissionProgress progress(kLawnmower, 0.5);
+  for (double n = 0; n <= 10; n += 0.25)
+    progress.update({n, 1.9});  // far off the first line, on the last one
+  EXPECT_NEAR(*progress.fraction(), 10.0 / 42, 0.01);
+}
+
+TEST(MissionProgress, NeverRunsBackwards) {
+  MissionProgress progress(kLawnmower, 0.5);
+  progress.update({10, 0});
+  const double before = *progress.fraction();
+  progress.update({2, 0});
+  EXPECT_EQ(*progress.fraction(), before);
+}
+
+TEST(MissionProgress, ACornerCutByTheTurnIsStillPassed) {
+  MissionProgress progress({{0, 0}, {50, 0}, {50, 50}}, 1.0);
+  for (double n = 0; n <= 45; n += 0.5) progress.update({n, 0});
+  for (double a = 0; a <= 6; a += 0.25) progress.update({45 + 0.8 * a, a});
+  for (double e = 6; e <= 25; e += 0.5) progress.update({49.8, e});
+  EXPECT_NEAR(*progress.fraction(), 0.75, 0.02);
 }
 
 }  // namespace

@@ -4,19 +4,19 @@
 #include <functional>
 #include <utility>
 
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/calibration/epipolar_check.hpp"
 #include "recon/calibration/rig_history.hpp"
-#include "recon/geometry/order_statistics.hpp"
-#include "tests/onboard/made_dive.hpp"
+#include "tests/onboard/synthetic_survey.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 using testing::featureSlots;
-using testing::MadeDive;
-using testing::makeDive;
 using testing::MemorySlots;
 using testing::smallLocalisation;
+using testing::SyntheticSurvey;
+using testing::syntheticSurvey;
 
 // A feature's pixels through another rig, left camera frame [m].
 Eigen::Vector3f triangulated(const StereoRig& rig, const closure::Feature& feature) {
@@ -30,12 +30,12 @@ Eigen::Vector3f triangulated(const StereoRig& rig, const closure::Feature& featu
 class DiveThroughAWrongRig {
  public:
   // `correct` gives the core what it is to know of dive.rig before pair `known`.
-  DiveThroughAWrongRig(MadeDive given, const StereoRig& wrong, std::size_t known,
+  DiveThroughAWrongRig(SyntheticSurvey given, const StereoRig& wrong, std::size_t known,
                        const std::function<void(LocalisationCore&)>& correct,
                        const LocalisationConfig& config = smallLocalisation())
       : dive(std::move(given)), rigs_(wrong), core_(rigs_, config, &slots_) {
     for (std::size_t k = 0; k < dive.frames.size(); ++k) {
-      MadeDive::Frame& frame = dive.frames[k];
+      SyntheticSurvey::Frame& frame = dive.frames[k];
       if (k == known) {
         rigs_.add(dive.rig, true);
         correct(core_);
@@ -52,7 +52,7 @@ class DiveThroughAWrongRig {
     return core_.poseOf(keyframes_[k], dive.frames[k].input.T_odom_cam);
   }
 
-  MadeDive dive;
+  SyntheticSurvey dive;
 
  private:
   calibration::RigHistory rigs_;
@@ -62,30 +62,30 @@ class DiveThroughAWrongRig {
 };
 
 // Lenses of which one is longer than calibrated turn every step of visual odometry to the same side.
-TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreSeenAnewThroughItAsItIs) {
+TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreEstimatedAgain) {
   constexpr std::size_t kMeasured = 12;
-  MadeDive dive = makeDive();
+  SyntheticSurvey dive = syntheticSurvey();
   dive.frames.resize(4 * kMeasured);
   const StereoRig rig = dive.rig, wrong = calibration::changed(rig, Eigen::Vector3d(0.002, 0, 0.002), 0.003);
   const DiveThroughAWrongRig localised(std::move(dive), wrong, kMeasured, [&](LocalisationCore& core) {
     core.setRig(rig, Eigen::Vector2d::Zero());
-    core.rigBeganAnew(1e-4, 0, false);
+    core.resetRig(1e-4, 0, false);
   });
-  const std::vector<MadeDive::Frame>& frames = localised.dive.frames;
+  const std::vector<SyntheticSurvey::Frame>& frames = localised.dive.frames;
   const SE3 seen = localised.poseOf(0).inverse() * localised.poseOf(kMeasured),
             truth = frames[0].truth.inverse() * frames[kMeasured].truth;
   EXPECT_LT(truth.rotation().angularDistance(seen.rotation()), 0.005);
 }
 
 // Focal lengths alike too long: every path was too short, until the DVL shows it.
-TEST(LocalisationCore, StepsFromBeforeRangesWereCorrectedAreSeenAnewThroughTheRigAsItIs) {
-  MadeDive dive = makeDive();
+TEST(LocalisationCore, StepsFromBeforeRangesWereCorrectedAreEstimatedAgain) {
+  SyntheticSurvey dive = syntheticSurvey();
   const StereoRig rig = dive.rig, wrong = calibration::withoutRangeError(rig, {0.05, 0});
   const std::size_t known = dive.frames.size() / 2;
   const DiveThroughAWrongRig localised(std::move(dive), wrong, known, [&](LocalisationCore& core) {
     core.setRig(rig, {0.05, 0});
   });
-  const std::vector<MadeDive::Frame>& frames = localised.dive.frames;
+  const std::vector<SyntheticSurvey::Frame>& frames = localised.dive.frames;
   const double length = (frames[10].truth.translation() - frames[0].truth.translation()).norm();
   EXPECT_NEAR((localised.poseOf(10).translation() - localised.poseOf(0).translation()).norm(), length,
               0.005 * length);
@@ -94,7 +94,7 @@ TEST(LocalisationCore, StepsFromBeforeRangesWereCorrectedAreSeenAnewThroughTheRi
 // One lens longer by 0.1 % than anybody knows: every step yaws to the same side, and closures show it.
 TEST(LocalisationCore, AYawThatAllStepsShareIsTakenOutOfThemAll) {
   const auto turned = [](double spin) {
-    MadeDive dive = makeDive();
+    SyntheticSurvey dive = syntheticSurvey();
     dive.fixes.clear();
     const StereoRig wrong = calibration::changed(dive.rig, Eigen::Vector3d::Zero(), 1e-3);
     const std::size_t never = dive.frames.size();
@@ -102,7 +102,7 @@ TEST(LocalisationCore, AYawThatAllStepsShareIsTakenOutOfThemAll) {
     config.graph.rig.spin = spin;
     const DiveThroughAWrongRig localised(
         std::move(dive), wrong, never, [](LocalisationCore&) {}, config);
-    const std::vector<MadeDive::Frame>& frames = localised.dive.frames;
+    const std::vector<SyntheticSurvey::Frame>& frames = localised.dive.frames;
     std::vector<double> off;
     for (std::size_t k = 0; k < frames.size(); ++k) {
       const SE3 seen = localised.poseOf(0).inverse() * localised.poseOf(k),

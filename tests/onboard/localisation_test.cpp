@@ -3,8 +3,8 @@
 #include <functional>
 #include <utility>
 
-#include "realtime/kernel/state_archive.hpp"
-#include "tests/onboard/made_dive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
+#include "tests/onboard/synthetic_survey.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -12,20 +12,20 @@ namespace {
 using testing::DiveFaults;
 using testing::featureSlots;
 using testing::localised;
-using testing::MadeDive;
-using testing::makeDive;
 using testing::MemorySlots;
 using testing::planError;
 using testing::smallLocalisation;
+using testing::SyntheticSurvey;
+using testing::syntheticSurvey;
 
-std::vector<SE3> reckoned(const MadeDive& dive) {
+std::vector<SE3> reckoned(const SyntheticSurvey& dive) {
   std::vector<SE3> poses;
-  for (const MadeDive::Frame& f : dive.frames) poses.push_back(f.input.T_odom_cam);
+  for (const SyntheticSurvey::Frame& f : dive.frames) poses.push_back(f.input.T_odom_cam);
   return poses;
 }
 
 TEST(LocalisationCore, ClosuresTakeMostOfDeadReckoningsErrorOutOfADive) {
-  const MadeDive dive = makeDive();
+  const SyntheticSurvey dive = syntheticSurvey();
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
@@ -39,7 +39,7 @@ TEST(LocalisationCore, ClosuresTakeMostOfDeadReckoningsErrorOutOfADive) {
 }
 
 TEST(LocalisationCore, ClaimsOfThePresentPlaceGrowByDeadReckoningSinceTheNewestKeyframeOnly) {
-  const MadeDive dive = makeDive();
+  const SyntheticSurvey dive = syntheticSurvey();
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   (void)localised(core, dive);
@@ -61,7 +61,7 @@ TEST(LocalisationCore, ClaimsOfThePresentPlaceGrowByDeadReckoningSinceTheNewestK
 }
 
 TEST(LocalisationCore, TheSameDiveGivesTheSamePosesBitForBit) {
-  const MadeDive dive = makeDive();
+  const SyntheticSurvey dive = syntheticSurvey();
   std::vector<std::vector<SE3>> runs;
   for (int run = 0; run < 2; ++run) {
     MemorySlots slots = featureSlots(300);
@@ -80,7 +80,7 @@ TEST(LocalisationCore, SurvivesADvlThatDiesACompassThatJumpsAndWildFixes) {
   faults.dvl_dead_to = 30;
   faults.compass_jumps_at = 40;
   faults.wild_share = 0.1;
-  const MadeDive dive = makeDive(faults);
+  const SyntheticSurvey dive = syntheticSurvey(faults);
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
@@ -96,20 +96,20 @@ TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsDistinguishedFromAn
   faults.dvl_dead_from = 15;
   faults.dvl_dead_to = 21;
   faults.compass_steps_at = 20;
-  const MadeDive dive = makeDive(faults);
+  const SyntheticSurvey dive = syntheticSurvey(faults);
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
   EXPECT_LT(planError(dive, poses).rms, 0.1);
-  EXPECT_EQ(core.graph().counters().visual_distrusted, 0u);
+  EXPECT_EQ(core.graph().counters().visual_rejected, 0u);
   EXPECT_EQ(core.graph().counters().compass_jumps, 1u);
 }
 
-TEST(LocalisationCore, ADvlThatLiesIsContradictedByTheImagesAndNoticed) {
+TEST(LocalisationCore, AnOutlyingDvlIsContradictedByTheImagesAndDetected) {
   DiveFaults faults;
-  faults.dvl_lies_from = 15;
-  faults.dvl_lies_to = 25;
-  const MadeDive dive = makeDive(faults);
+  faults.dvl_wrong_from = 15;
+  faults.dvl_wrong_to = 25;
+  const SyntheticSurvey dive = syntheticSurvey(faults);
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
@@ -124,7 +124,7 @@ TEST(LocalisationCore, WhereADvlIsStuckEveryPairIsAKeyframeFromTheFirstStepThatC
   DiveFaults faults;
   faults.dvl_stuck_from = 16;
   faults.dvl_stuck_to = 26;
-  const MadeDive dive = makeDive(faults);
+  const SyntheticSurvey dive = syntheticSurvey(faults);
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
   const std::vector<SE3> poses = localised(core, dive);
@@ -132,11 +132,11 @@ TEST(LocalisationCore, WhereADvlIsStuckEveryPairIsAKeyframeFromTheFirstStepThatC
   EXPECT_LE(core.counters().odometry_second_tries, 1u);
 }
 
-TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndTheWayIsFoundAgain) {
+TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndThePositionIsRecovered) {
   DiveFaults faults;  // on the second line, blind and without bottom track for two metres
   faults.dvl_dead_from = faults.blind_from = 26;
   faults.dvl_dead_to = faults.blind_to = 30;
-  MadeDive dive = makeDive(faults);
+  SyntheticSurvey dive = syntheticSurvey(faults);
   dive.fixes.clear();
   MemorySlots slots = featureSlots(300);
   LocalisationConfig config = smallLocalisation();
@@ -148,7 +148,7 @@ TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndTheWa
   EXPECT_LT(planError(dive, poses).rms, 0.15);
 }
 
-// Blind and without bottom track on the way out, until it is 10 m and 100 degrees astray.
+// Blind and without bottom track on the outward track, until it is 10 m and 100 degrees astray.
 DiveFaults lost(double to) {
   DiveFaults faults;
   faults.astray_from = faults.blind_from = 22;
@@ -160,7 +160,7 @@ DiveFaults lost(double to) {
 struct Astray {
   double metres = 0, radians = 0;
 };
-Astray astray(const LocalisationCore& core, const MadeDive& dive, int keyframe, std::size_t frame) {
+Astray astray(const LocalisationCore& core, const SyntheticSurvey& dive, int keyframe, std::size_t frame) {
   const SE3 found = core.poseOf(0, dive.frames[0].input.T_odom_cam).inverse() *
                     core.poseOf(keyframe, dive.frames[frame].input.T_odom_cam);
   const SE3 error = (dive.frames[0].truth.inverse() * dive.frames[frame].truth).inverse() * found;
@@ -171,7 +171,7 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
   constexpr std::size_t kFirstLine = 32;  // frames
   const double shares = closure::separationOfOverlap(0.1);
   for (const std::uint32_t seed : {1U, 2U, 3U}) {
-    MadeDive dive = makeDive(lost(50), seed, testing::DiveTrack::kCrossing);
+    SyntheticSurvey dive = syntheticSurvey(lost(50), seed, testing::DiveTrack::kCrossing);
     MemorySlots slots = featureSlots(300);
     LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
     int overlapping = 0, found_after = -1;
@@ -203,7 +203,7 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
 }
 
 TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
-  const MadeDive dive = makeDive(lost(50), 1, testing::DiveTrack::kCrossing);
+  const SyntheticSurvey dive = syntheticSurvey(lost(50), 1, testing::DiveTrack::kCrossing);
   MemorySlots slots = featureSlots(300);
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots),
       again(dive.rigs, smallLocalisation(), &slots);
@@ -229,7 +229,7 @@ TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
 
 TEST(LocalisationCore, LostOverOtherGroundThatLooksAlikeNothingIsClosed) {
   for (const std::uint32_t seed : {1U, 2U, 3U}) {
-    const MadeDive dive = makeDive(lost(100), seed, testing::DiveTrack::kElsewhere);
+    const SyntheticSurvey dive = syntheticSurvey(lost(100), seed, testing::DiveTrack::kElsewhere);
     MemorySlots slots = featureSlots(300);
     LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
     (void)localised(core, dive);
@@ -240,7 +240,7 @@ TEST(LocalisationCore, LostOverOtherGroundThatLooksAlikeNothingIsClosed) {
 }
 
 TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
-  const MadeDive dive = makeDive();
+  const SyntheticSurvey dive = syntheticSurvey();
   MemorySlots slots = featureSlots(300);
   slots.fails = true;
   LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
@@ -250,8 +250,8 @@ TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
   EXPECT_LT(planError(dive, poses).rms, planError(dive, reckoned(dive)).rms);
 }
 
-TEST(LocalisationCore, WithRoomForAThirdOfItsKeyframesADiveGoesOnToItsEnd) {
-  const MadeDive dive = makeDive();
+TEST(LocalisationCore, WithRoomForAThirdOfItsKeyframesADiveContinuesToItsEnd) {
+  const SyntheticSurvey dive = syntheticSurvey();
   MemorySlots slots = featureSlots(300);
   LocalisationCore roomy(dive.rigs, smallLocalisation(), &slots);
   const double best = planError(dive, localised(roomy, dive)).rms;
@@ -263,14 +263,14 @@ TEST(LocalisationCore, WithRoomForAThirdOfItsKeyframesADiveGoesOnToItsEnd) {
   EXPECT_EQ(core.keyframes(), roomy.keyframes());
   EXPECT_EQ(core.graph().counters().keyframes_refused, 0u);
   EXPECT_GT(core.graph().counters().keyframes_retired, static_cast<std::uint64_t>(core.keyframes() / 2));
-  EXPECT_EQ(core.features().counters().given_way, 0u);
+  EXPECT_EQ(core.features().counters().evicted, 0u);
   EXPECT_GE(core.closures().counters().accepted, 1u);  // where it has been before is recognised
   EXPECT_LT(planError(dive, poses).rms, 1.6 * best);
   EXPECT_LT(planError(dive, poses).absolute, 0.4);
 }
 
 TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
-  const MadeDive dive = makeDive();
+  const SyntheticSurvey dive = syntheticSurvey();
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = 30;
   MemorySlots slots = featureSlots(30);
@@ -286,7 +286,7 @@ TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
         jump = std::max(
             jump, (core.poseOf(gone.onto, gone.T_onto * camera).translation() - pose.translation()).norm());
   });
-  for (const MadeDive::Frame& frame : dive.frames) {
+  for (const SyntheticSurvey::Frame& frame : dive.frames) {
     known.clear();
     for (const int k : core.graph().living()) known.emplace_back(k, core.poseOf(k, camera));
     LocalisationInput input = frame.input;

@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "realtime/onboard/map/mesh_slot.hpp"
-#include "tests/onboard/made_dive.hpp"
 #include "tests/onboard/rolling_meshes.hpp"
+#include "tests/onboard/synthetic_survey.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::onboard {
@@ -81,15 +81,15 @@ TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
 }
 
 // A rig turned by a fifth of a degree towards the other camera: all that it saw was 8 % too near.
-TEST(MovingMap, WhatWasSeenThroughARigThatIsKnownBetterIsSeenAnew) {
-  StereoRig told, found;
-  told.left = told.right = {680, 512, 900, 900, 340, 256};
-  told.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
-  found = told;
+TEST(MovingMap, MeshesOfAnOutdatedRigAreTriangulatedAgain) {
+  StereoRig nominal, found;
+  nominal.left = nominal.right = {680, 512, 900, 900, 340, 256};
+  nominal.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
+  found = nominal;
   found.T_right_left =
       SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.0035, Eigen::Vector3d::UnitY())), Eigen::Vector3d::Zero()) *
-      told.T_right_left;
-  calibration::RigHistory rigs(told);
+      nominal.T_right_left;
+  calibration::RigHistory rigs(nominal);
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints, rigs);
   const MovingMap::PoseOf pose_of = [](int, const SE3& T) { return T; };
@@ -101,10 +101,10 @@ TEST(MovingMap, WhatWasSeenThroughARigThatIsKnownBetterIsSeenAnew) {
     }
     moving.rebuild(1, pose_of, {});
     const SE3 T = odomAt(number);
-    Mesh mesh = meshAt(T, number), anew = mesh;
-    if (number < 20) calibration::seeThrough(told, found, anew);
-    transform(anew, T);
-    (void)fresh.fuse(anew);
+    Mesh mesh = meshAt(T, number), corrected = mesh;
+    if (number < 20) calibration::retriangulate(nominal, found, corrected);
+    transform(corrected, T);
+    (void)fresh.fuse(corrected);
     moving.add(mesh, 0, T, T);
   }
   moving.finish(pose_of, {});
@@ -112,7 +112,7 @@ TEST(MovingMap, WhatWasSeenThroughARigThatIsKnownBetterIsSeenAnew) {
   expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(fresh));
 }
 
-TEST(MovingMap, AMeshWhoseCameraWasOnlyGuessedGoesWhereItWas) {
+TEST(MovingMap, AMeshAtAPredictedPoseMovesToTheFinalOne) {
   MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 0.1) * T; };
@@ -297,7 +297,7 @@ TEST(MovingMap, FullOfMeshesThoseThatHaveLainStillForLongestAreBakedIn) {
   MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
   addMeshes(moving, 20);
-  // The first keyframe's four meshes move: they have lain still for less long than the others from then on.
+  // The first keyframe's four meshes move: they have not moved for less long than the others from then on.
   moving.noteMoved();
   moving.rebuild(100, [&](int k, const SE3& T) { return k == 0 ? correction(5, 1) * T : T; }, {});
   ASSERT_EQ(moving.counters().meshes_fused_again, 4u);

@@ -9,8 +9,8 @@
 #include <variant>
 #include <vector>
 
-#include "realtime/kernel/crc32.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "tests/onboard/nav_inputs.hpp"
 #include "tests/support/heap_counter.hpp"
 
@@ -241,7 +241,7 @@ TEST(NavCore, AppliesTheSensorsTimeOffsets) {
   }
 }
 
-TEST(NavCore, HealthTellsAgesSpeedAndWhatWasCounted) {
+TEST(NavCore, HealthHasAgesSpeedAndCounters) {
   NavCore core(coreConfig());
   EXPECT_EQ(core.health().utc_ns, 0);
   run(core, diveInputs(30));

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "realtime/onboard/nav/nav_core.hpp"
-#include "tests/nav/analytic_dive.hpp"
+#include "tests/navigation/analytic_dive.hpp"
 
-// The inputs of a made dive for NavCore.
+// The inputs of a synthetic dive for NavCore.
 namespace fathom::onboard::testing {
 
 using namespace fathom::nav::test;

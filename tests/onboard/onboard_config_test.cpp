@@ -4,7 +4,7 @@
 
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -20,7 +20,7 @@ class OnboardConfigFile : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(OnboardConfigFile, SaysWhatDeadReckoningBelieves) {
+TEST_F(OnboardConfigFile, ReadsTheGatesOfDeadReckoning) {
   const nav::DeadReckoningConfig plain = read("").reckoning;
   EXPECT_EQ(plain.max_dvl_gap, 2);
   EXPECT_EQ(plain.max_speed, 3);
@@ -51,7 +51,7 @@ TEST_F(OnboardConfigFile, RefusesWhatNoVehicleDoes) {
     EXPECT_THROW((void)read("[nav]\n" + std::string(line) + "\n"), InputError) << line;
 }
 
-TEST_F(OnboardConfigFile, SaysHowFarTheGraphIsBelieved) {
+TEST_F(OnboardConfigFile, ReadsTheLimitsOfTheGraph) {
   const slam::NavigationConfig plain = read("").localisation.graph;
   EXPECT_EQ(plain.known_scale, 4);
   EXPECT_EQ(plain.turned_sigmas, 4);

@@ -8,7 +8,7 @@
 #include <map>
 #include <memory>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "tests/support/disk_log.hpp"
 #include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"

@@ -4,7 +4,7 @@
 #include <memory>
 #include <random>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/onboard/onboard_system.hpp"
 #include "recon/geometry/geodesy.hpp"
 

@@ -1,19 +1,19 @@
 #include "realtime/onboard/replay.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <fstream>
 #include <map>
-#include <numbers>
 #include <sstream>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/calibration/epipolar_check.hpp"
-#include "recon/geometry/colour_matrix.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/colour.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/wire/packet_log.hpp"
 #include "tests/fusion/surface_distance.hpp"
@@ -46,7 +46,7 @@ std::map<std::string, double> lastHealth(const std::filesystem::path& file) {
   return out;
 }
 
-// So far this share of the map's vertices lies at most from the true seafloor [m], once it is shifted to
+// Largest distance of this share of the map's vertices from the true seafloor [m], once it is shifted to
 // where the track truly was: GPS does not know that to centimetres.
 float offTheSeafloor(const std::filesystem::path& out, double share) {
   const Mesh map = readPly(out / "map.ply"), terrain = readPly(kMission / "truth" / "terrain.ply");
@@ -120,7 +120,7 @@ TEST(Replay, LocalisationKeepsTheShapeOfTheTrackAndCanBeSwitchedOff) {
   replay(reckoned);
   EXPECT_TRUE(std::filesystem::exists(folder.path() / "localised" / "closures.csv"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "reckoned" / "closures.csv"));
-  // The dive is too short for much drift: centimetres either way.
+  // The dive is too short for much drift: centimetres in either direction.
   const double reckoned_error = testing::trackError(kMission, folder.path() / "reckoned").shape;
   EXPECT_LT(testing::trackError(kMission, folder.path() / "localised").shape, std::min(0.03, reckoned_error));
 }
@@ -146,7 +146,7 @@ TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {
   const Eigen::Vector3d moved_truly =
       truth_at(last.utc_ns).translation() - truth_at(first.utc_ns).translation();
   const double off = (moved - moved_truly).norm();
-  std::printf("half the dive's way off by %.1f mm\n", 1e3 * off);
+  std::printf("half the dive's path off by %.1f mm\n", 1e3 * off);
   EXPECT_LT(off, 0.086);  // twice what was measured
 
   const float median = offTheSeafloor(folder.path() / "out", 0.5);
@@ -154,8 +154,9 @@ TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {
   EXPECT_LT(median, 0.06F);  // twice what was measured: half a degree of heading is the compass's
 }
 
-// The dive of a vehicle that was told another rig.
-ReplayOptions toldRig(const std::filesystem::path& folder, const Eigen::Vector3d& turned, double focal) {
+// The dive of a vehicle with a wrong rig in its files.
+ReplayOptions withTurnedRig(const std::filesystem::path& folder, const Eigen::Vector3d& turned,
+                            double focal) {
   const std::filesystem::path mission = folder / "mission";
   std::filesystem::create_directories(mission);
   for (const char* name : {"img", "mission.toml", "sensors.lcmlog", "truth"})
@@ -167,7 +168,7 @@ ReplayOptions toldRig(const std::filesystem::path& folder, const Eigen::Vector3d
   return options;
 }
 
-constexpr double kTurned = 0.2 * std::numbers::pi / 180;
+constexpr double kTurned = degreesToRadians(0.2);
 
 // Towards the other camera or away from it: stereo can do with it, and every range is 8 % too short or long;
 // also those of the first eight pairs, after which it is known.
@@ -177,7 +178,7 @@ TEST(Replay, ARigTurnedTooLittleToHurtStereoIsTakenOutOfTheWholeMap) {
   const float right = offTheSeafloor(folder.path() / "right", 0.9);
   for (const double sign : {1, -1}) {
     const std::filesystem::path here = folder.path() / (sign > 0 ? "towards" : "away");
-    replay(toldRig(here, {0, sign * kTurned, 0}, 0));
+    replay(withTurnedRig(here, {0, sign * kTurned, 0}, 0));
     const auto health = lastHealth(here / "out" / "health.csv");
     EXPECT_NEAR(health.at("rig_turned_y_rad"), -sign * kTurned, 0.1 * kTurned);
     EXPECT_LT(testing::trackError(kMission, here / "out").shape, 0.03);
@@ -192,7 +193,7 @@ TEST(Replay, ARigTurnedTooLittleToHurtStereoIsTakenOutOfTheWholeMap) {
 // known.
 TEST(Replay, ARigThatHasMovedSinceItWasCalibratedIsFollowed) {
   const test::TemporaryFolder folder;
-  const ReplayOptions options = toldRig(folder.path(), {kTurned, 0, 0}, 0.006);
+  const ReplayOptions options = withTurnedRig(folder.path(), {kTurned, 0, 0}, 0.006);
   const ReplaySummary summary = replay(options);
   EXPECT_GE(summary.pairs_used, summary.pairs - 12);
   EXPECT_NE(summary.warning.find("turned by pitch -0.2"), std::string::npos) << summary.warning;

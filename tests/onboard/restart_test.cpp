@@ -1,12 +1,12 @@
-// What was saved and loaded goes on: map and meshes, localisation, and all cores through a whole mission.
+// Saved and loaded state continues: map and meshes, localisation, and all cores through a whole mission.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
 #include "realtime/onboard/map/mesh_slot.hpp"
-#include "recon/closure/feature_slot.hpp"
+#include "recon/closure/frame_features.hpp"
 #include "tests/onboard/cores_run.hpp"
-#include "tests/onboard/made_dive.hpp"
+#include "tests/onboard/synthetic_survey.hpp"
 #include "tests/support/lattice_mesh.hpp"
 #include "tests/support/saved_state.hpp"
 
@@ -16,12 +16,12 @@ namespace {
 using test::savedState;
 using testing::CoresRun;
 using testing::featureSlots;
-using testing::MadeDive;
-using testing::makeDive;
 using testing::MemorySlots;
 using testing::RecordedMission;
 using testing::Ship;
 using testing::smallLocalisation;
+using testing::SyntheticSurvey;
+using testing::syntheticSurvey;
 
 const calibration::RigHistory kRigs{StereoRig{}};  // never known better
 
@@ -35,7 +35,7 @@ bool load(T& object, std::span<const std::uint8_t> bytes) {
   return object.load(reader);
 }
 
-void dive(LocalisationCore& core, const MadeDive& made, std::size_t from, std::size_t to) {
+void dive(LocalisationCore& core, const SyntheticSurvey& made, std::size_t from, std::size_t to) {
   std::size_t fix = 0;
   for (std::size_t k = 0; k < to; ++k) {
     for (; fix < made.fixes.size() && made.fixes[fix].arrival_ns <= made.frames[k].utc_ns; ++fix)
@@ -51,7 +51,7 @@ void dive(LocalisationCore& core, const MadeDive& made, std::size_t from, std::s
 
 class LocalisationRestart : public ::testing::Test {
  protected:
-  MadeDive made = makeDive();
+  SyntheticSurvey made = syntheticSurvey();
   std::size_t middle = made.frames.size() / 2, end = made.frames.size();
   MemorySlots slots = featureSlots(300), copy = slots, second = slots;
   LocalisationCore whole{made.rigs, smallLocalisation(), &slots};
@@ -88,8 +88,8 @@ TEST_F(LocalisationRestart, KeyframesAreWhereTheyWereAndTheDiveEndsAtTheSamePlac
     EXPECT_LT((loaded.keyframePose(k).translation() - whole.keyframePose(k).translation()).norm(), 0.01) << k;
 }
 
-TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveGoesOnAlike) {
-  const MadeDive made = makeDive();
+TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveContinuesAlike) {
+  const SyntheticSurvey made = syntheticSurvey();
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = 40;
   MemorySlots slots = featureSlots(40, config);
@@ -174,7 +174,7 @@ class MovingMapRestart : public ::testing::Test {
   }
 };
 
-TEST_F(MovingMapRestart, TheMapGoesOnBitByBit) {
+TEST_F(MovingMapRestart, TheMapContinuesBitByBit) {
   MovingMap whole(config, &slots, kPoints, kRigs);
   fly(whole, 0, 45);
   ASSERT_GT(whole.counters().waiting, 0u);
@@ -255,7 +255,7 @@ TEST(CoresRestart, AMissionWithARestartGivesTheSameMapPosesAndFrames) {
   double worst = 0;
   for (int k = 0; k < a.keyframes(); ++k) worst = std::max(worst, (apart(k) - all).norm());
   EXPECT_LT(worst, 0.01);
-  // Where the whole is, fixes tell to decimetres: iterations end at a small share of that.
+  // Fixes give the position of the whole to decimetres: iterations end at a small share of that.
   EXPECT_LT(all.norm(), 0.026 * a.positionSigma());
   // As much of the map has crossed the water, and what was acknowledged before was not sent again.
   const auto sent = whole.link().counters(), sent_after = loaded.link().counters();

@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -75,7 +75,7 @@ TEST(SlotFile, ANamedOneOutlivesItsProgram) {
   EXPECT_EQ(back, std::vector<std::uint8_t>(100, 0));
 }
 
-TEST(SlotFile, ANamedOneOfAnotherSizeBeginsAnew) {
+TEST(SlotFile, ANamedOneOfAnotherSizeBeginsWithZeros) {
   const test::TemporaryFolder folder;
   const auto name = folder.path() / "meshes.slots";
   std::vector<std::uint8_t> block(1000, 7);
@@ -170,7 +170,7 @@ TEST_F(MarkedSlots, GoBackAfterTheProgramWasKilled) {
   kill();
   ASSERT_TRUE(file->rollBack(0));
   EXPECT_EQ(content(), std::vector<Block>(kSlots, blockOf(0)));
-  // One that begins anew knows no marks.
+  // A new one has no marks.
   file->mark(5);
   file = std::make_unique<SlotFile>(SlotFile::Named{name, false}, kSlots, kBytes);
   EXPECT_FALSE(file->rollBack(5));
@@ -264,7 +264,7 @@ TEST_F(CutShort, IsNothingAfterKill9) {
     test::writeBytes(name, slots);
     test::writeBytes(journal, {all.begin(), all.begin() + static_cast<std::ptrdiff_t>(whole + left)});
     EXPECT_TRUE(rollsBack()) << left;
-    // What was cut short is not in the way of what comes.
+    // A truncated record does not prevent later ones.
     ASSERT_TRUE(file->write(7, blockOf(3)));
     file.reset();
     EXPECT_TRUE(rollsBack()) << left;

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 
 namespace fathom::onboard::testing {
 

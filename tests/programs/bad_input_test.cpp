@@ -78,7 +78,7 @@ TEST(Help, EveryProgramAndEachOfItsCommandsShowsACompleteExample) {
     std::string line;
     std::getline(lines, line);
     while (std::getline(lines, line) && line.starts_with("  ")) {
-      if (line[2] == ' ') continue;  // a description goes on
+      if (line[2] == ' ') continue;  // a description continues
       const std::string command = program + " " + line.substr(2, line.find(' ', 2) - 2);
       EXPECT_THAT(runProgram(command + " --help").out, ::testing::HasSubstr("Example: " + command + " "));
     }

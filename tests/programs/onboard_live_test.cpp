@@ -41,10 +41,10 @@ TEST_F(OnboardLive, ASecondProgramInTheFolderIsRefusedAndABudgetIsPrintedWithout
           "$live --print-budget >out3 2>err3; echo budget $?\n"
           "find dive | sort | diff before - && [ $(size) -ge $s ]; echo same $?\n"
           "kill -0 $first; echo lives $?\n" FATHOM_BIN_DIR
-          "/fathom-onboard --end dive; echo told $?\n"
+          "/fathom-onboard --end dive; echo asked $?\n"
           "wait $first; echo ended $?\n");
   EXPECT_THAT(all.out, HasSubstr("second 2\nbudget 0\nsame 0\nlives 0\n")) << all.out << all.err;
-  EXPECT_THAT(all.out, HasSubstr("told 1\nended 1\n")) << "without cameras there is no map";
+  EXPECT_THAT(all.out, HasSubstr("asked 1\nended 1\n")) << "without cameras there is no map";
   EXPECT_THAT(readText(folder_.path() / "err2"), HasSubstr("another program dives in this folder (process "));
   const std::string budget = readText(folder_.path() / "err3");
   EXPECT_THAT(budget, HasSubstr("left camera's frames"));
@@ -67,7 +67,7 @@ TEST_F(OnboardLive, BothProcessesAreWithinTheDefaultBudget) {
   EXPECT_THAT(plan.err, ::testing::ContainsRegex("both processes .* of 768.00 MiB, fits\n")) << plan.err;
 }
 
-TEST_F(OnboardLive, ATermLeavesADiveThatGoesOnAndAnEndEndsIt) {
+TEST_F(OnboardLive, ATermLeavesADiveThatContinuesAndAnEndEndsIt) {
   const Outcome all = run(
       "$live >out 2>err & p=$!; armed out; sleep 1; kill -TERM $p; wait $p; echo left $?\n"
       "$live >out2 2>err2 & p=$!; armed out2; sleep 1; kill -HUP $p; kill -PIPE $p; sleep 0.2; kill -INT $p; "
@@ -75,7 +75,7 @@ TEST_F(OnboardLive, ATermLeavesADiveThatGoesOnAndAnEndEndsIt) {
       "$live >out3 2>err3; echo again $?\n");
   EXPECT_THAT(all.out, HasSubstr("left 0\nended 1\nagain 2\n")) << all.out << all.err;
   EXPECT_THAT(readText(folder_.path() / "err"), HasSubstr("the dive is not ended"));
-  EXPECT_THAT(readText(folder_.path() / "err2"), HasSubstr("goes on with this dive"));
+  EXPECT_THAT(readText(folder_.path() / "err2"), HasSubstr("continues this dive"));
   EXPECT_THAT(readText(folder_.path() / "err3"), HasSubstr("this dive has ended"));
   EXPECT_THAT(readText(dive_ / "onboard" / "live.json"), HasSubstr("\"mapper\""));
 }

@@ -60,8 +60,8 @@ class ReadmeGuide : public ::testing::Test {
         "[cameras]\nleft = \"absent-left\"\nright = \"absent-right\"\n[link]\nkey_file = \"ship.key\"\n");
   }
 
-  // Here there is neither ship nor camera nor somebody who ends the programs that wait; and a name tells that
-  // the left image is a colour filter's.
+  // Here there is neither ship nor camera nor an operator to end the programs that wait; and a name shows
+  // that the left image is a colour filter's.
   [[nodiscard]] std::string asRunHere(std::string command) const {
     const std::pair<std::string, std::string> here[] = {
         {"/dev/ttyUSB0", modem_.name()}, {"left.tif", left_[5]}, {"right.tif", right_[5]}};

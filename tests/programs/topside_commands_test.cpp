@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "tests/support/program_run.hpp"
 
 namespace fathom::test {

@@ -1,4 +1,5 @@
-#include "recon/topside/tables/dive_tables.hpp"
+#include "recon/products/tables/dive_tables.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,9 +13,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
-constexpr std::int64_t kSecond = 1'000'000'000;
-const Geodetic kOrigin{40.5 * kRadians, -70.25 * kRadians};
+const Geodetic kOrigin{40.5 * kRadiansPerDegree, -70.25 * kRadiansPerDegree};
 
 class DiveTables : public ::testing::Test {
  protected:
@@ -61,9 +60,9 @@ ImageRow image(double north, double east) {
   ImageRow row;
   row.left = "PR_20260101_000000_250_LC16.tif";
   row.right = "PR_20260101_000000_250_RM16.tif";
-  row.utc_ns = 1767225600 * kSecond + 250'000'000;
-  row.T_nav_body = SE3::fromEuler(0.01, -0.02, -90 * kRadians, {north, east, 25});
-  row.T_nav_cam = SE3::fromEuler(0.01, -0.02, -90 * kRadians, {north, east, 25.5});
+  row.utc_ns = 1767225600 * kSecond_ns + 250'000'000;
+  row.T_nav_body = SE3::fromEuler(0.01, -0.02, -90 * kRadiansPerDegree, {north, east, 25});
+  row.T_nav_cam = SE3::fromEuler(0.01, -0.02, -90 * kRadiansPerDegree, {north, east, 25.5});
   row.altitude = 2.25;
   row.footprint = {{0, 0, 27}, {0, 2, 27}, {1.5, 2, 27}, {1.5, 0, 27}};
   row.water[static_cast<std::size_t>(WaterProperty::kTemperature)] = 12.5;
@@ -75,8 +74,8 @@ TEST_F(DiveTables, ImagesStandWhereTheCameraWasInEveryTable) {
   EXPECT_EQ(names.size(), 4U);
   const Geodetic place = LocalTransverseMercator(kOrigin).toGeodetic({120, -45});
   const auto expectPlace = [&](const std::string& latitude, const std::string& longitude) {
-    EXPECT_NEAR(std::stod(latitude), place.latitude / kRadians, 1e-8);
-    EXPECT_NEAR(std::stod(longitude), place.longitude / kRadians, 1e-8);
+    EXPECT_NEAR(std::stod(latitude), place.latitude / kRadiansPerDegree, 1e-8);
+    EXPECT_NEAR(std::stod(longitude), place.longitude / kRadiansPerDegree, 1e-8);
   };
   const auto full = table("images.csv"), squidle = table("images_squidle.csv"),
              catami = table("images_catami.csv"), biigle = table("images_biigle.csv");
@@ -100,7 +99,7 @@ TEST_F(DiveTables, ImagesStandWhereTheCameraWasInEveryTable) {
   expectPlace(catami[0][1], catami[0][2]);
   EXPECT_EQ(catami[0][7], "12.5000");
   EXPECT_EQ(catami[0][8], "-999.0");
-  EXPECT_NEAR(std::stod(catami[0][11]), -90 * kRadians, 1e-6);
+  EXPECT_NEAR(std::stod(catami[0][11]), -90 * kRadiansPerDegree, 1e-6);
   expectPlace(field(biigle, "lat"), field(biigle, "lng"));
   EXPECT_EQ(field(biigle, "gps_altitude"), "-25.500");
   EXPECT_EQ(field(biigle, "distance_to_ground"), "2.250");
@@ -138,12 +137,12 @@ TEST_F(DiveTables, WithoutATimeAndAPlaceOnEarthTheirFieldsAreEmpty) {
 }
 
 TEST_F(DiveTables, TheTrackTellsNullWhereNothingIsKnown) {
-  std::vector<TrackPoint> track(3);
-  for (std::size_t k = 0; k < 3; ++k) track[k].utc_ns = static_cast<std::int64_t>(k) * kSecond;
+  std::vector<DiveTrackPoint> track(3);
+  for (std::size_t k = 0; k < 3; ++k) track[k].utc_ns = static_cast<std::int64_t>(k) * kSecond_ns;
   track[1].T_nav_body = SE3::fromEuler(0, 0, 0.5, {1.23456, -2, 30});
   track[1].altitude = 1.9;
   track[1].water[static_cast<std::size_t>(WaterProperty::kSalinity)] = 35.1;
-  nameStages(track, kSecond, kSecond);
+  nameStages(track, kSecond_ns, kSecond_ns);
   writeTrackJson(folder_ / "track.json", track, false);
   const auto read = json("track.json");
   EXPECT_FALSE(read["timed"].get<bool>());
@@ -188,23 +187,23 @@ TEST(Footprint, ALevelCamerasFootprintIsItsFieldOfView) {
 
 TEST(WaterLog, ValuesAreLinearBetweenSamplesAndUnknownAcrossGaps) {
   std::vector<WaterSample> samples(3);
-  samples[0].utc_ns = 100 * kSecond;
+  samples[0].utc_ns = 100 * kSecond_ns;
   samples[0].temperature = 10;
   samples[0].conductivity = 4.0;
   samples[1] = samples[0];
-  samples[1].utc_ns = 110 * kSecond;
+  samples[1].utc_ns = 110 * kSecond_ns;
   samples[1].temperature = 11;
   samples[2] = samples[1];
-  samples[2].utc_ns = 500 * kSecond;
+  samples[2].utc_ns = 500 * kSecond_ns;
   const WaterLog log({samples[2], samples[0], samples[1]});
   const auto temperature = [&](std::int64_t s) {
-    return log.at(s * kSecond, 10)[static_cast<std::size_t>(WaterProperty::kTemperature)];
+    return log.at(s * kSecond_ns, 10)[static_cast<std::size_t>(WaterProperty::kTemperature)];
   };
   EXPECT_NEAR(temperature(105).value(), 10.5, 1e-9);
   EXPECT_NEAR(temperature(90).value(), 10, 1e-9);
   EXPECT_FALSE(temperature(10));
   EXPECT_FALSE(temperature(300));
-  const auto salinity = log.at(105 * kSecond, 10)[static_cast<std::size_t>(WaterProperty::kSalinity)];
+  const auto salinity = log.at(105 * kSecond_ns, 10)[static_cast<std::size_t>(WaterProperty::kSalinity)];
   ASSERT_TRUE(salinity);
   EXPECT_GT(*salinity, 33);
   EXPECT_LT(*salinity, 40);

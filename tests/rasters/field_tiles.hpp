@@ -3,10 +3,10 @@
 #include <cmath>
 #include <functional>
 
-#include "recon/geometry/textured_tile.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 #include "tests/support/lattice_mesh.hpp"
 
-namespace fathom::topside::test {
+namespace fathom::topside::synthetic {
 
 using Depth = std::function<double(double north, double east)>;
 
@@ -35,4 +35,4 @@ inline TexturedTile fieldTile(const TileId& id, const TileGrid& grid, double ste
   return out;
 }
 
-}  // namespace fathom::topside::test
+}  // namespace fathom::topside::synthetic

@@ -1,4 +1,4 @@
-#include "recon/topside/rasters/layer_patch.hpp"
+#include "recon/products/rasters/layer_patch.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,13 +6,13 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "recon/topside/rasters/patch_mosaic.hpp"
+#include "recon/products/rasters/patch_mosaic.hpp"
 #include "tests/rasters/field_tiles.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using test::fieldTile;
+using synthetic::fieldTile;
 
 double gentle(double n, double e) {
   return 30 + 0.2 * n - 0.1 * e;

@@ -1,4 +1,5 @@
-#include "recon/topside/rasters/layer_set.hpp"
+#include "recon/products/rasters/layer_set.hpp"
+#include "realtime/base/units.hpp"
 
 #include <fnmatch.h>
 #include <gdal_priv.h>
@@ -9,12 +10,11 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
 
-#include "recon/topside/rasters/cog_writer.hpp"
-#include "recon/topside/rasters/patch_mosaic.hpp"
-#include "recon/topside/rasters/raster_reading.hpp"
-#include "recon/topside/rasters/terrain.hpp"
+#include "recon/products/rasters/cog_writer.hpp"
+#include "recon/products/rasters/patch_mosaic.hpp"
+#include "recon/products/rasters/raster_reading.hpp"
+#include "recon/products/rasters/terrain.hpp"
 #include "tests/rasters/field_tiles.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -22,8 +22,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
-const Geodetic kOrigin{-33.123456 * kRadians, 151.987654 * kRadians};
+const Geodetic kGridOrigin{-33.123456 * kRadiansPerDegree, 151.987654 * kRadiansPerDegree};
 
 struct Close {
   void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
@@ -36,14 +35,14 @@ Dataset open(const std::filesystem::path& path) {
 
 class LayerSet : public ::testing::Test {
  protected:
-  LayerSet() { inputs_.origin = kOrigin; }
+  LayerSet() { inputs_.origin = kGridOrigin; }
 
-  void tiles(const TileRange& range, double step, const test::Depth& depth) {
+  void tiles(const TileRange& range, double step, const synthetic::Depth& depth) {
     for (std::int32_t x = range.x0; x < range.x1; ++x)
       for (std::int32_t y = range.y0; y < range.y1; ++y) inputs_.tiles.push_back({0, x, y});
     inputs_.patch = [this, step, depth](const TileId& tile) {
       return packLayerPatch(
-          makeLayerPatch(test::fieldTile(tile, inputs_.grid, step, depth), inputs_.grid, config_.cells));
+          makeLayerPatch(synthetic::fieldTile(tile, inputs_.grid, step, depth), inputs_.grid, config_.cells));
     };
   }
   // Value of a one-band layer at a place.
@@ -66,7 +65,8 @@ class LayerSet : public ::testing::Test {
 
 // A plane that falls by 20 degrees towards 125 degrees.
 double fallingPlane(double n, double e) {
-  return 15 + std::tan(20 * kRadians) * (n * std::cos(125 * kRadians) + e * std::sin(125 * kRadians));
+  return 15 + std::tan(20 * kRadiansPerDegree) *
+                  (n * std::cos(125 * kRadiansPerDegree) + e * std::sin(125 * kRadiansPerDegree));
 }
 
 TEST_F(LayerSet, ATiltedPlaneHasItsSlopeAndAspectAndHeights) {
@@ -83,7 +83,7 @@ TEST_F(LayerSet, ATiltedPlaneHasItsSlopeAndAspectAndHeights) {
   for (double north = -3.9; north < 1.9; north += 0.37) {
     for (double east = 2.4; east < 8.2; east += 0.41) {
       const double z = static_cast<double>(at(*elevation, north, east));
-      EXPECT_NEAR(z, -fallingPlane(north, east), 0.033 * std::tan(20 * kRadians));
+      EXPECT_NEAR(z, -fallingPlane(north, east), 0.033 * std::tan(20 * kRadiansPerDegree));
       EXPECT_NEAR(at(*slope, north, east), 20, 0.25);
       EXPECT_NEAR(at(*aspect, north, east), 125, 0.8);
       EXPECT_NEAR(at(*rugged, north, east), 1, 0.001);
@@ -111,15 +111,15 @@ TEST_F(LayerSet, GdalPlacesAKnownPointWithinAMillimetre) {
   const std::unique_ptr<OGRCoordinateTransformation> transformation(
       OGRCreateCoordinateTransformation(&local, &world));
   ASSERT_TRUE(transformation);
-  const LocalTransverseMercator truth(kOrigin);
+  const LocalTransverseMercator truth(kGridOrigin);
   for (const int pixel : {0, 63}) {
     double east = t[0] + (pixel + 0.5) * t[1], north = t[3] + (pixel + 0.5) * t[5];
     const Geodetic expected = truth.toGeodetic({north, east});
     double x = east, y = north;
     ASSERT_TRUE(transformation->Transform(1, &x, &y));
     constexpr double kMetresPerDegree = 111'000;
-    EXPECT_NEAR(x * kMetresPerDegree, expected.longitude / kRadians * kMetresPerDegree, 0.001);
-    EXPECT_NEAR(y * kMetresPerDegree, expected.latitude / kRadians * kMetresPerDegree, 0.001);
+    EXPECT_NEAR(x * kMetresPerDegree, expected.longitude / kRadiansPerDegree * kMetresPerDegree, 0.001);
+    EXPECT_NEAR(y * kMetresPerDegree, expected.latitude / kRadiansPerDegree * kMetresPerDegree, 0.001);
   }
   EXPECT_NEAR(t[0], 200 * 2.112, 0.001);
   EXPECT_NEAR(t[3], 102 * 2.112, 0.001);
@@ -210,9 +210,9 @@ TEST_F(LayerSet, StatisticsAndTheTrackAreLayersToo) {
     mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
     statistics.add(mesh);
   }
-  std::vector<TrackPoint> track;
+  std::vector<DiveTrackPoint> track;
   for (int k = 0; k < 40; ++k) {
-    TrackPoint point;
+    DiveTrackPoint point;
     point.utc_ns = k;
     point.T_nav_body = SE3(Eigen::Quaterniond::Identity(), {10 + 0.5 * k, 20, 5});
     point.altitude = 2 + 0.01 * k;
@@ -268,7 +268,7 @@ TEST_F(LayerSet, TheSameInputsGiveTheSameBytesWithAnyThreads) {
     EXPECT_EQ(first.at(k++), bytesOf(layer.file)) << layer.name;
 }
 
-TEST_F(LayerSet, NothingGivesNoLayersAndAFullDiskIsTold) {
+TEST_F(LayerSet, NothingGivesNoLayersAndAFullDiskIsReported) {
   EXPECT_TRUE(writeLayers(folder_, inputs_, config_).empty());
   tiles({0, 0, 1, 1}, 0.264, fallingPlane);
   inputs_.patch = [](const TileId&) { return std::vector<std::uint8_t>{}; };
@@ -280,7 +280,7 @@ TEST_F(LayerSet, NothingGivesNoLayersAndAFullDiskIsTold) {
   source.cell = 1;
   source.touches = [](const CellWindow&) { return true; };
   source.fill = [](const CellWindow& w, void* out) { std::fill_n(static_cast<float*>(out), w.cells(), 1.F); };
-  EXPECT_THROW(writeCog("/proc/no/such/folder/x.tif", source, {kOrigin, "", "", true, 0}),
+  EXPECT_THROW(writeCog("/proc/no/such/folder/x.tif", source, {kGridOrigin, "", "", true, 0}),
                std::runtime_error);
   EXPECT_THROW((void)readReduced(folder_ / "none.tif", 100), std::runtime_error);
 }
@@ -299,7 +299,7 @@ TEST_F(LayerSet, WhatIsHalfWrittenSaysSoInItsName) {
       ++seen;
     }
   };
-  writeCog(folder_ / "x.tif", source, {kOrigin, "", "", true, 0});
+  writeCog(folder_ / "x.tif", source, {kGridOrigin, "", "", true, 0});
   EXPECT_GE(seen, 4);
 }
 

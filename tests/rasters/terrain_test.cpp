@@ -1,4 +1,5 @@
-#include "recon/topside/rasters/terrain.hpp"
+#include "recon/products/rasters/terrain.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +10,6 @@
 
 namespace fathom::topside {
 namespace {
-
-constexpr double kRadians = std::numbers::pi / 180;
 
 struct Field {
   std::vector<float> elevation;
@@ -27,9 +26,10 @@ struct Field {
 
 TEST(Terrain, APlanesSlopeAndAspectAreItsOwn) {
   for (const double aspect : {0.0, 35.0, 90.0, 200.0, 315.0}) {
-    const double fall = std::tan(20 * kRadians);
+    const double fall = std::tan(20 * kRadiansPerDegree);
     Field field(40, 50, 4, 0.033, [&](double n, double e) {
-      return -3000 - fall * (n * std::cos(aspect * kRadians) + e * std::sin(aspect * kRadians));
+      return -3000 -
+             fall * (n * std::cos(aspect * kRadiansPerDegree) + e * std::sin(aspect * kRadiansPerDegree));
     });
     const SlopeAspect result = slopeAspect(field.view, {4, 0.5});
     for (std::size_t k = 0; k < result.slope.size(); ++k) {
@@ -100,7 +100,7 @@ TEST(Terrain, UnknownCellsAreLeftOutAndTooFewGiveNothing) {
   const SlopeAspect result = slopeAspect(field.view, {3, 0.4});
   const std::vector<float> rough = rugosity(field.view, {3, 0.4});
   int known = 0;
-  const double slope = std::atan(std::hypot(0.2, 0.1)) / kRadians;
+  const double slope = std::atan(std::hypot(0.2, 0.1)) / kRadiansPerDegree;
   for (int i = 0; i < 20; ++i) {
     for (int j = 0; j < 20; ++j) {
       const auto k = static_cast<std::size_t>(i * 20 + j);

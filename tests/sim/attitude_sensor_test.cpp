@@ -1,6 +1,7 @@
 // Compass, tilt sensor and gyro.
 #include <algorithm>
 
+#include "realtime/base/units.hpp"
 #include "tests/sim/sensor_dive.hpp"
 
 namespace fathom::sim {
@@ -10,7 +11,7 @@ TEST_F(SensorTest, ACompassJumpTurnsTheHeadingFromThenOn) {
   CompassConfig config;
   LoggedSamples healthy, faulty;
   simulateCompass(world(), config, healthy);
-  config.jumps = {{100, 20 * kDegree}, {150, -5 * kDegree}};
+  config.jumps = {{100, 20 * kRadiansPerDegree}, {150, -5 * kRadiansPerDegree}};
   simulateCompass(world(), config, faulty);
   ASSERT_EQ(healthy.size(), faulty.size());
   for (std::size_t k = 0; k < healthy.size(); ++k) {
@@ -18,7 +19,7 @@ TEST_F(SensorTest, ACompassJumpTurnsTheHeadingFromThenOn) {
     const auto& b = std::get<AttitudeSample>(faulty[k].sample);
     const double t = timeOf(a.utc_ns), expected = t < 99.99 ? 0 : t < 149.99 ? 20 : 15;
     if (std::abs(t - 100) < 0.05 || std::abs(t - 150) < 0.05) continue;
-    EXPECT_NEAR(wrapAngle(b.heading - a.heading) / kDegree, expected, 1e-6) << t;
+    EXPECT_NEAR(wrapAngle(b.heading - a.heading) / kRadiansPerDegree, expected, 1e-6) << t;
     EXPECT_EQ(a.roll, b.roll);
   }
 }
@@ -29,7 +30,7 @@ TEST_F(SensorTest, AMagneticAnomalyTurnsHeadingsWhereItIsAndNothingElse) {
   const SensorWorld w = world();
   simulateCompass(w, config, healthy);
   const Eigen::Vector3d place = (trajectory.poseAt(120) * w.T_body_compass).translation();
-  config.anomalies = {{place.x(), place.y(), 2, 20 * kDegree}};
+  config.anomalies = {{place.x(), place.y(), 2, 20 * kRadiansPerDegree}};
   simulateCompass(w, config, faulty);
   ASSERT_EQ(healthy.size(), faulty.size());
   double nearest = 1e9, at_nearest = 0;
@@ -38,11 +39,11 @@ TEST_F(SensorTest, AMagneticAnomalyTurnsHeadingsWhereItIsAndNothingElse) {
     const auto& b = std::get<AttitudeSample>(faulty[k].sample);
     const Eigen::Vector3d here = (trajectory.poseAt(timeOf(a.utc_ns)) * w.T_body_compass).translation();
     const double distance = (here - place).head<2>().norm(), turned = wrapAngle(b.heading - a.heading);
-    EXPECT_NEAR(turned, 20 * kDegree / std::pow(1 + distance * distance / 4, 1.5), 1e-6);
+    EXPECT_NEAR(turned, 20 * kRadiansPerDegree / std::pow(1 + distance * distance / 4, 1.5), 1e-6);
     EXPECT_EQ(a.roll, b.roll);
     if (distance < nearest) nearest = distance, at_nearest = turned;
   }
-  EXPECT_NEAR(at_nearest, 20 * kDegree, 0.1 * kDegree);
+  EXPECT_NEAR(at_nearest, 20 * kRadiansPerDegree, 0.1 * kRadiansPerDegree);
 }
 
 TEST_F(SensorTest, AGyroDriftsByItsBiasAndItsRandomWalkAndIsOffUnlessAskedFor) {
@@ -73,8 +74,8 @@ TEST_F(SensorTest, AGyroDriftsByItsBiasAndItsRandomWalkAndIsOffUnlessAskedFor) {
   const Eigen::Quaterniond last = (trajectory.poseAt(before) * w.T_body_compass).rotation();
   const double error = (first * turned).angularDistance(last);
   // 200 s: a bias of 3e-4 deg/s is 0.06 degrees, the walk of the angle 0.03, of each axis.
-  EXPECT_LT(error, 0.4 * kDegree);
-  EXPECT_GT(error, 0.005 * kDegree);
+  EXPECT_LT(error, 0.4 * kRadiansPerDegree);
+  EXPECT_GT(error, 0.005 * kRadiansPerDegree);
   EXPECT_GT(white.sigma(), 0.0);
 }
 
@@ -93,8 +94,8 @@ TEST_F(SensorTest, CompassStaysWithinThreeDegreesAndTiltWithinSevenTenths) {
     EXPECT_GE(a.heading, 0.0);
     EXPECT_LT(a.heading, 2 * std::numbers::pi);
     const double error = wrapAngle(a.heading + w.magnetic_declination - truth.z());
-    worst =
-        worst.cwiseMax(Eigen::Vector3d(error, a.roll - truth.x(), a.pitch - truth.y()).cwiseAbs() / kDegree);
+    worst = worst.cwiseMax(Eigen::Vector3d(error, a.roll - truth.x(), a.pitch - truth.y()).cwiseAbs() /
+                           kRadiansPerDegree);
     if (heading.count > 0) step.add(error - previous);
     previous = error;
     heading.add(error);
@@ -103,7 +104,7 @@ TEST_F(SensorTest, CompassStaysWithinThreeDegreesAndTiltWithinSevenTenths) {
   }
   EXPECT_LT(worst.x(), 3.0);
   EXPECT_LT(worst.tail<2>().maxCoeff(), 0.7);
-  EXPECT_GT(heading.sigma(), 0.3 * kDegree) << "a deviation must be there";
+  EXPECT_GT(heading.sigma(), 0.3 * kRadiansPerDegree) << "a deviation must be there";
   // From sample to sample only the white part changes.
   EXPECT_NEAR(step.sigma(), config.heading_sigma * std::sqrt(2.0), 0.15 * config.heading_sigma);
   EXPECT_NEAR(roll.sigma(), config.tilt_sigma, 0.15 * config.tilt_sigma);

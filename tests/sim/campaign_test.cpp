@@ -7,7 +7,7 @@
 #include <set>
 
 #include "sim/campaign/perturbations.hpp"
-#include "sim/scenario/range_check.hpp"
+#include "sim/scenario/key_range_check.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "tests/support/program_run.hpp"
 #include "tests/support/test_data.hpp"
@@ -26,7 +26,7 @@ TEST(Campaign, ARoundHasEveryPerturbationAtEveryLevelOnceWithinTheKeysRanges) {
     const DiveResult plan = planOf(k);
     EXPECT_TRUE(seen.emplace(plan.perturbation, plan.level).second);
     Scenario scenario = diveScenario(options, k);
-    RangeCheck check;
+    KeyRangeCheck check;
     EXPECT_NO_THROW(visitScenario(check, scenario))
         << perturbations()[static_cast<std::size_t>(plan.perturbation)].name;
     EXPECT_EQ(scenarioToml(scenario), scenarioToml(diveScenario(options, k)));
@@ -43,11 +43,11 @@ TEST(Campaign, JudgesADiveByTheUndisturbedOne) {
   good.onboard_surface_m = 0.008, good.topside_surface_m = 0.004;
   good.onboard_coverage = good.topside_coverage = 0.95;
   good.nees = 6;
-  EXPECT_TRUE(broken(good, good).empty());
+  EXPECT_TRUE(failedRequirements(good, good).empty());
   const auto with = [&](auto change) {
     DiveResult d = good;
     change(d);
-    return broken(d, good);
+    return failedRequirements(d, good);
   };
   const std::vector<std::string> no_map = with([](DiveResult& d) { d.onboard_map = false; });
   EXPECT_EQ(no_map, std::vector<std::string>{"no map on board"});

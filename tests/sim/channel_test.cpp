@@ -7,7 +7,7 @@
 #include <cmath>
 #include <thread>
 
-#include "firmware_if/modem/modem_ports.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
 #include "sim/link/channel_relay.hpp"
 
 namespace fathom::sim {
@@ -168,7 +168,7 @@ TEST(Channel, BurstsThatCannotBeAreRefused) {
   EXPECT_NO_THROW(AcousticChannel{config});
 }
 
-TEST(Channel, AHalfDuplexModemHearsNothingWhileItSpeaks) {
+TEST(Channel, AHalfDuplexModemReceivesNothingWhileItTransmits) {
   ChannelConfig config = clearWater();
   config.rate_bps = 320;  // 40 bytes a second
   config.delay_s = 2.0;
@@ -194,7 +194,7 @@ TEST(Channel, AHalfDuplexModemHearsNothingWhileItSpeaks) {
   EXPECT_EQ(pair.downlink().counters().collided, 0U);
 }
 
-TEST(Channel, TwoHalfDuplexModemsThatSpeakAtOnceHearNeither) {
+TEST(Channel, SimultaneousFramesOfHalfDuplexModemsCollide) {
   ChannelConfig config = clearWater();
   config.rate_bps = 320;
   config.delay_s = 0.2;
@@ -225,7 +225,7 @@ TEST(Channel, TheSameSeedGivesTheSameFate) {
   EXPECT_NE(fate(1), fate(2));
 }
 
-TEST(Channel, APairJoinsTwoPortsBothWays) {
+TEST(Channel, APairJoinsTwoPortsInBothDirections) {
   ChannelConfig config = clearWater();
   config.delay_s = 1.0;
   ChannelPair pair(config, config);
@@ -249,7 +249,7 @@ TEST(Channel, ProbabilitiesOutOfRangeAreRefused) {
   EXPECT_THROW(AcousticChannel{config}, std::invalid_argument);
 }
 
-TEST(Channel, TheRelayCarriesDatagramsBothWaysAndEndsWhenIdle) {
+TEST(Channel, TheRelayCarriesDatagramsInBothDirectionsAndEndsWhenIdle) {
   // A free port for the relay: one that the system gives and takes back.
   const std::uint16_t relay_port = io::UdpFramePort("127.0.0.1", 0, "127.0.0.1", 0).boundPort();
   io::UdpFramePort ship("127.0.0.1", 0, "127.0.0.1", relay_port);

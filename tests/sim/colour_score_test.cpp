@@ -11,7 +11,7 @@
 #include "sim/score/colour_detail.hpp"
 #include "sim/score/truth_surface.hpp"
 #include "sim/sea/ground/texture_image.hpp"
-#include "tests/sim/bumpy_seafloor.hpp"
+#include "tests/sim/synthetic_seafloor.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
@@ -47,7 +47,7 @@ SE3 lookingDown(const Eigen::Vector3d& from) {
 
 // A seafloor of two colours, as it is, through a filter, and with its north half tinted.
 TEST(ColourScore, ForgivesOneWhiteBalanceAndNoOther) {
-  Mesh mesh = bumpySeafloor();
+  Mesh mesh = syntheticSeafloor();
   const auto paint = [&](const Rgb& south, const Rgb& north) {
     mesh.colours.clear();
     for (const auto& v : mesh.vertices) mesh.colours.push_back(v.x() < 0 ? south : north);
@@ -77,8 +77,8 @@ TEST(ColourScore, ForgivesOneWhiteBalanceAndNoOther) {
 }
 
 // Colours that are right in the middle of the image and a third too dark at its top and bottom.
-TEST(ColourDetail, TellsWhereAndOfWhatColoursAreOff) {
-  Mesh mesh = bumpySeafloor();
+TEST(ColourDetail, FindsErrorsByPlaceAndByColour) {
+  Mesh mesh = syntheticSeafloor();
   for (const auto& v : mesh.vertices)
     mesh.colours.push_back(v.x() < 0 ? Rgb{190, 170, 130} : Rgb{60, 100, 60});
   const TruthSurface truth(mesh);

@@ -6,7 +6,7 @@
 #include <map>
 #include <set>
 
-#include "recon/closure/given_features.hpp"
+#include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/stereo/given_stereo.hpp"
 #include "sim/features/feature_camera.hpp"
@@ -25,7 +25,7 @@ TerrainConfig rollingSand() {
 }
 
 // Straight ripples and two twins of a boulder, six metres apart.
-TerrainConfig deceivingSand() {
+TerrainConfig repetitiveSand() {
   TerrainConfig t = rollingSand();
   t.undulation_m = t.roughness_m = 0;
   t.ripples = {0.4, 0.05, 0.0, 0.0};
@@ -34,9 +34,9 @@ TerrainConfig deceivingSand() {
 }
 
 // Nothing but the noise that every feature has by itself.
-FeatureConfig plainNoise() {
-  FeatureConfig f;
-  f.gross_probability = f.slip_probability = 0;
+SimulatedFeatureConfig plainNoise() {
+  SimulatedFeatureConfig f;
+  f.gross_probability = f.displaced_probability = 0;
   f.place_shared_variance = 0;
   f.shared_place = f.shared_place_slope = f.shared_disparity_px = f.shared_disparity_slope_px = 0;
   return f;
@@ -46,11 +46,11 @@ SE3 overhead(double north, double east, double depth, double yaw = 0) {
   return SE3::fromEuler(0.01, -0.02, yaw, {north, east, depth});
 }
 
-struct Sea {
-  explicit Sea(const TerrainConfig& t, const FeatureConfig& f = {})
+struct SyntheticSea {
+  explicit SyntheticSea(const TerrainConfig& t, const SimulatedFeatureConfig& f = {})
       : terrain(t), camera(terrain, f, scenario.optics, scenario.rig, scenario.T_body_cam(), 1) {}
   Scenario scenario;
-  Terrain terrain;
+  SeaTerrain terrain;
   FeatureCamera camera;
 
   [[nodiscard]] SE3 camPose(const SE3& T_nav_body) const { return T_nav_body * scenario.T_body_cam(); }
@@ -65,8 +65,8 @@ double meanSquare(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-TEST(FeatureCamera, FeaturesLieWhereTheirTruePlacesProjectWithinTheNoiseThatTheyState) {
-  const Sea sea(rollingSand(), plainNoise());
+TEST(FeatureCamera, FeaturesAreAtTheirProjectionsWithinTheirStatedNoise) {
+  const SyntheticSea sea(rollingSand(), plainNoise());
   const StereoRig& rig = sea.scenario.rig;
   std::vector<double> place, match;
   for (std::uint64_t view = 0; view < 10; ++view) {
@@ -91,7 +91,7 @@ TEST(FeatureCamera, FeaturesLieWhereTheirTruePlacesProjectWithinTheNoiseThatThey
 }
 
 TEST(FeatureCamera, PointsFromFeaturesAreAsFarOffAsTheirCovariancesSay) {
-  const Sea sea(rollingSand(), plainNoise());
+  const SyntheticSea sea(rollingSand(), plainNoise());
   std::vector<double> distances;
   for (std::uint64_t view = 0; view < 6; ++view) {
     const SE3 pose = overhead(0.4 * static_cast<double>(view) - 1, 0.2, 9.9, static_cast<double>(view));
@@ -112,11 +112,11 @@ TEST(FeatureCamera, PointsFromFeaturesAreAsFarOffAsTheirCovariancesSay) {
 }
 
 TEST(FeatureCamera, AViewShowsAboutAsManyFeaturesFromOneToSixMetresWhereLightIsNoMatter) {
-  FeatureConfig bright;
+  SimulatedFeatureConfig bright;
   bright.half_contrast = 0;
   TerrainConfig flat = rollingSand();
   flat.undulation_m = flat.roughness_m = flat.ripples.height_m = 0;
-  const Sea sea(flat, bright);
+  const SyntheticSea sea(flat, bright);
   for (const double altitude : {1.0, 1.4, 2.0, 3.0, 4.5, 6.0}) {
     const auto count = sea.camera.observe(overhead(0, 0, 12 - altitude - 0.28), 3).frame.features.size();
     // Near the seafloor, the right camera misses a larger part of the view.
@@ -126,7 +126,7 @@ TEST(FeatureCamera, AViewShowsAboutAsManyFeaturesFromOneToSixMetresWhereLightIsN
 }
 
 TEST(FeatureCamera, DimLightLeavesFewerAndNoisierFeatures) {
-  const Sea sea(rollingSand());
+  const SyntheticSea sea(rollingSand());
   const auto near = sea.camera.observe(overhead(0, 0, 9.8), 3),
              far = sea.camera.observe(overhead(0, 0, 6.0), 3);
   EXPECT_LT(2 * far.frame.features.size(), near.frame.features.size());
@@ -139,7 +139,7 @@ TEST(FeatureCamera, DimLightLeavesFewerAndNoisierFeatures) {
 }
 
 TEST(FeatureCamera, TwoThirdsOfTheLandmarksAreFoundAgain) {
-  const Sea sea(rollingSand());
+  const SyntheticSea sea(rollingSand());
   const auto a = sea.camera.observe(overhead(0, 0, 9.8), 1), b = sea.camera.observe(overhead(0, 0, 9.8), 2);
   const std::set<std::uint64_t> keys(b.keys.begin(), b.keys.end());
   const auto again =
@@ -152,7 +152,7 @@ TEST(FeatureCamera, TwoThirdsOfTheLandmarksAreFoundAgain) {
 TEST(FeatureCamera, NeitherCameraLooksThroughACoralHead) {
   TerrainConfig t = rollingSand();
   t.placed = {{true, 3, 0.2, 0.0, 0.0, 0.9}, {true, 4, -0.5, 0.5, 0.0, 0.6}};
-  const Sea sea(t, plainNoise());
+  const SyntheticSea sea(t, plainNoise());
   const SE3 pose = overhead(-0.3, 0, 9.9);
   const auto seen = sea.camera.observe(pose, 1);
   ASSERT_GT(seen.points.size(), 150u);
@@ -168,9 +168,9 @@ TEST(FeatureCamera, NeitherCameraLooksThroughACoralHead) {
 }
 
 TEST(FeatureCamera, GrossOutliersComeAsOftenAsAskedFor) {
-  FeatureConfig config = plainNoise();
+  SimulatedFeatureConfig config = plainNoise();
   config.gross_probability = 0.1;
-  const Sea sea(rollingSand(), config);
+  const SyntheticSea sea(rollingSand(), config);
   const SE3 pose = overhead(0, 0, 9.8);
   const auto seen = sea.camera.observe(pose, 1);
   const SE3 T_cam_nav = sea.camPose(pose).inverse();
@@ -187,7 +187,7 @@ TEST(FeatureCamera, GrossOutliersComeAsOftenAsAskedFor) {
 }
 
 TEST(FeatureDescriptors, TheSameLandmarkSeenFromTwoPosesMatches) {
-  const Sea sea(rollingSand());
+  const SyntheticSea sea(rollingSand());
   const SE3 pose_a = overhead(0, 0, 9.8), pose_b = overhead(0.4, 0.2, 9.6, 2.2);
   const auto a = sea.camera.observe(pose_a, 1), b = sea.camera.observe(pose_b, 2);
   const auto fa = closure::featuresFrom(a.frame, sea.scenario.rig),
@@ -210,7 +210,7 @@ TEST(FeatureDescriptors, TheSameLandmarkSeenFromTwoPosesMatches) {
 }
 
 TEST(FeatureDescriptors, FramesOfDifferentPlacesHaveFewMatchesAndNoPose) {
-  const Sea sea(rollingSand());
+  const SyntheticSea sea(rollingSand());
   closure::Registrar registrar(sea.scenario.rig, {});
   const auto& r = registrar.process(sea.features(overhead(-3, 0, 9.8), 1),
                                     sea.features(overhead(3, 1, 9.8, 1.0), 2), std::nullopt);
@@ -218,22 +218,22 @@ TEST(FeatureDescriptors, FramesOfDifferentPlacesHaveFewMatchesAndNoPose) {
   EXPECT_LT(r.matches, 20);
 }
 
-TEST(Deceiver, TwinsCarryCopiesOfEachOthersLandmarksInTheSameShape) {
-  const Sea sea(deceivingSand());
+TEST(RepetitiveGround, TwinsCarryCopiesOfEachOthersLandmarksInTheSameShape) {
+  const SyntheticSea sea(repetitiveSand());
   // Turned as the twins are, so that both views show the same thing.
   const auto a = sea.camera.observe(overhead(-3.0 - 0.42, 0, 9.6), 1);
   const auto b = sea.camera.observe(
       SE3::fromEuler(0, 0, 1.0, Eigen::Vector3d(3.0, 0, 9.6)) * SE3::fromEuler(0, 0, 0, {-0.42, 0, 0}), 2);
   std::map<std::uint64_t, std::size_t> of_b;
-  for (std::size_t i = 0; i < b.frame.features.size(); ++i) of_b[b.looks[i]] = i;
+  for (std::size_t i = 0; i < b.frame.features.size(); ++i) of_b[b.appearances[i]] = i;
   std::size_t alike = 0, same = 0;
   std::vector<double> apart;
   for (std::size_t i = 0; i < a.frame.features.size(); ++i) {
     same += std::count(b.keys.begin(), b.keys.end(), a.keys[i]) > 0 ? 1 : 0;
-    const auto twin = of_b.find(a.looks[i]);
+    const auto twin = of_b.find(a.appearances[i]);
     if (twin == of_b.end()) continue;
     ++alike;
-    // In each boulder's own frame the landmarks lie in the same place.
+    // In each boulder's own frame the landmarks have the same place.
     const Eigen::Vector3d in_a = a.points[i] - Eigen::Vector3d(-3, 0, 12);
     const Eigen::Vector3d in_b = Eigen::AngleAxisd(-1.0, Eigen::Vector3d::UnitZ()) *
                                  (b.points[twin->second] - Eigen::Vector3d(3, 0, 12));
@@ -246,14 +246,14 @@ TEST(Deceiver, TwinsCarryCopiesOfEachOthersLandmarksInTheSameShape) {
   EXPECT_LT(apart[apart.size() / 2], 0.002);
 }
 
-TEST(Deceiver, LandmarksRepeatWithTheRipplesAlongAndAcross) {
-  FeatureConfig config;
+TEST(RepetitiveGround, LandmarksRepeatWithTheRipplesAlongAndAcross) {
+  SimulatedFeatureConfig config;
   config.alike_share = 1;
   config.alike_along_m = 0.5;
-  const Sea sea(deceivingSand(), config);
+  const SyntheticSea sea(repetitiveSand(), config);
   const auto seen = sea.camera.observe(overhead(0, 0, 9.8), 1);
   std::map<std::uint64_t, std::vector<Eigen::Vector3d>> places;
-  for (std::size_t i = 0; i < seen.points.size(); ++i) places[seen.looks[i]].push_back(seen.points[i]);
+  for (std::size_t i = 0; i < seen.points.size(); ++i) places[seen.appearances[i]].push_back(seen.points[i]);
   std::size_t repeated = 0;
   for (const auto& [look, at] : places) {
     if (at.size() > 2) repeated += at.size();
@@ -266,11 +266,11 @@ TEST(Deceiver, LandmarksRepeatWithTheRipplesAlongAndAcross) {
   EXPECT_GT(static_cast<double>(repeated), 0.6 * static_cast<double>(seen.points.size()));
 }
 
-// Beside the boulders' middle the rest of the view tells; where they fill the view, what is known of the way.
-TEST(Deceiver, IsNotTakenForThePlaceThatItLooksLike) {
-  FeatureConfig config;
+// Off the boulders' centre the rest of the view decides; where they fill the view, the prior of the track.
+TEST(RepetitiveGround, IsNotMatchedWithAnEqualLookingPlace) {
+  SimulatedFeatureConfig config;
   config.alike_share = 0.5;
-  const Sea sea(deceivingSand(), config);
+  const SyntheticSea sea(repetitiveSand(), config);
   closure::Registrar registrar(sea.scenario.rig, {});
   for (const double north : {-2.9, -2.7, -2.4}) {
     const auto& r = registrar.process(sea.features(overhead(north, 0.3, 9.4), 1),
@@ -288,10 +288,10 @@ TEST(Deceiver, IsNotTakenForThePlaceThatItLooksLike) {
                    .accepted());
 }
 
-TEST(Deceiver, ATruePlaceIsFoundThoughHalfOfItsLandmarksRepeat) {
-  FeatureConfig config;
+TEST(RepetitiveGround, ATruePlaceIsFoundThoughHalfOfItsLandmarksRepeat) {
+  SimulatedFeatureConfig config;
   config.alike_share = 0.5;
-  const Sea sea(deceivingSand(), config);
+  const SyntheticSea sea(repetitiveSand(), config);
   closure::Registrar registrar(sea.scenario.rig, {});
   const SE3 a = overhead(0, 0, 9.7), b = overhead(0.4, 0.3, 9.6, 1.6);
   const auto& r = registrar.process(sea.features(a, 1), sea.features(b, 2), std::nullopt);
@@ -300,8 +300,8 @@ TEST(Deceiver, ATruePlaceIsFoundThoughHalfOfItsLandmarksRepeat) {
   EXPECT_LT(error.translation().norm(), 0.02);
 }
 
-TEST(GivenStereo, TheMeshOfAFrameLiesOnTheTrueSeafloorInItsColours) {
-  const Sea sea(rollingSand());
+TEST(GivenStereo, TheMeshOfAFrameIsOnTheTrueSeafloorInItsColours) {
+  const SyntheticSea sea(rollingSand());
   const SE3 pose = overhead(0.5, 0.2, 9.8);
   const auto seen = sea.camera.observe(pose, 1);
   stereo::GivenStereo given(sea.scenario.rig, {});
@@ -323,7 +323,7 @@ TEST(GivenStereo, TheMeshOfAFrameLiesOnTheTrueSeafloorInItsColours) {
 }
 
 TEST(GivenStereo, AFrameOfAnotherSizeGivesNothing) {
-  const Sea sea(rollingSand());
+  const SyntheticSea sea(rollingSand());
   auto frame = sea.camera.observe(overhead(0, 0, 9.8), 1).frame;
   frame.width /= 2;
   stereo::GivenStereo given(sea.scenario.rig, {});

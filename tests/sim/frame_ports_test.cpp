@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "firmware_if/modem/modem_ports.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
 #include "sim/link/channel.hpp"
 #include "tests/support/pty_line.hpp"
 
@@ -18,13 +18,13 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// Two ports that hear each other, and the means to disturb the second.
-class Joined {
+// Two connected ports, and a source of disturbances at the second.
+class JoinedPorts {
  public:
-  virtual ~Joined() = default;
+  virtual ~JoinedPorts() = default;
   virtual FramePort& vehicle() = 0;
   virtual FramePort& ship() = 0;
-  // Whatever is on its way arrives.
+  // Delivers frames in transit.
   virtual void settle() = 0;
   // Bytes that are no frame reach the ship's side as the medium carries them.
   virtual void disturb(const Bytes& bytes) = 0;
@@ -32,7 +32,7 @@ class Joined {
 
 // Two serial ports at 9600 baud, each on a pseudo-terminal; the pump between them is the cable. A
 // pseudo-terminal has no rate of its own: this tests the line's settings and the framing, not its pace.
-class SerialCable final : public Joined {
+class SerialCable final : public JoinedPorts {
  public:
   SerialCable() : vehicle_(ends_[0].name(), 9600), ship_(ends_[1].name(), 9600) {}
   FramePort& vehicle() override { return vehicle_; }
@@ -53,7 +53,7 @@ class SerialCable final : public Joined {
   io::SerialFramePort vehicle_, ship_;
 };
 
-class UdpPair final : public Joined {
+class UdpPair final : public JoinedPorts {
  public:
   UdpPair() : ship_("127.0.0.1", 0, "", 0), vehicle_("127.0.0.1", 0, "127.0.0.1", ship_.boundPort()) {
     // The ship learns where the vehicle is.
@@ -61,7 +61,7 @@ class UdpPair final : public Joined {
     EXPECT_TRUE(vehicle_.send(Bytes{0}));
     settle();
     EXPECT_EQ(ship_.receive(buffer), 1U);
-    ship_.answerHeard();
+    ship_.answerLastSender();
   }
   FramePort& vehicle() override { return vehicle_; }
   FramePort& ship() override { return ship_; }
@@ -83,7 +83,7 @@ class UdpPair final : public Joined {
 };
 
 // The simulated channel, with nothing lost.
-class Water final : public Joined {
+class Water final : public JoinedPorts {
  public:
   explicit Water(bool half_duplex) : pair_(clear(), clear(), half_duplex) {}
   FramePort& vehicle() override { return pair_.vehicle(); }
@@ -105,7 +105,7 @@ class Water final : public Joined {
 
 struct Kind {
   const char* name;
-  std::function<std::unique_ptr<Joined>()> make;
+  std::function<std::unique_ptr<JoinedPorts>()> make;
 };
 
 class FramePorts : public ::testing::TestWithParam<Kind> {
@@ -119,7 +119,7 @@ class FramePorts : public ::testing::TestWithParam<Kind> {
   }
   FramePort& vehicle() { return joined_->vehicle(); }
   FramePort& ship() { return joined_->ship(); }
-  std::unique_ptr<Joined> joined_;
+  std::unique_ptr<JoinedPorts> joined_;
 };
 
 Bytes numbered(int number, std::size_t size) {
@@ -129,7 +129,7 @@ Bytes numbered(int number, std::size_t size) {
   return frame;
 }
 
-TEST_P(FramePorts, FramesOfEverySizeArriveWholeInOrderBothWays) {
+TEST_P(FramePorts, FramesOfEverySizeArriveCompleteAndInOrderInBothDirections) {
   for (std::size_t size = 1; size <= FramePort::kMaxFrameBytes; ++size) {
     const Bytes up = numbered(static_cast<int>(size), size), down = numbered(-static_cast<int>(size), size);
     ASSERT_TRUE(vehicle().send(up));
@@ -204,7 +204,7 @@ TEST_P(FramePorts, OverloadRefusesNewFramesAndCutsNone) {
   }
   EXPECT_GT(arrived, 0);
   EXPECT_LE(arrived, taken);
-  ASSERT_TRUE(vehicle().send(Bytes{7})) << "and it goes on afterwards";
+  ASSERT_TRUE(vehicle().send(Bytes{7})) << "it continues afterwards";
   EXPECT_EQ(receive(ship()), Bytes{7});
 }
 
@@ -227,11 +227,11 @@ TEST_P(FramePorts, AFloodOfGarbageEndsAtEachCall) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, FramePorts,
-    ::testing::Values(Kind{"Serial", [] { return std::unique_ptr<Joined>(std::make_unique<SerialCable>()); }},
-                      Kind{"Udp", [] { return std::unique_ptr<Joined>(std::make_unique<UdpPair>()); }},
-                      Kind{"Water", [] { return std::unique_ptr<Joined>(std::make_unique<Water>(false)); }},
-                      Kind{"HalfDuplexWater",
-                           [] { return std::unique_ptr<Joined>(std::make_unique<Water>(true)); }}),
+    ::testing::Values(
+        Kind{"Serial", [] { return std::unique_ptr<JoinedPorts>(std::make_unique<SerialCable>()); }},
+        Kind{"Udp", [] { return std::unique_ptr<JoinedPorts>(std::make_unique<UdpPair>()); }},
+        Kind{"Water", [] { return std::unique_ptr<JoinedPorts>(std::make_unique<Water>(false)); }},
+        Kind{"HalfDuplexWater", [] { return std::unique_ptr<JoinedPorts>(std::make_unique<Water>(true)); }}),
     [](const auto& kind) { return kind.param.name; });
 
 }  // namespace

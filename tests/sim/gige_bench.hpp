@@ -11,10 +11,10 @@
 #include <thread>
 #include <vector>
 
-#include "firmware_if/camera/gige_camera.hpp"
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/clock.hpp"
+#include "firmware_if/devices/camera/gige_camera.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "tests/support/network_namespace.hpp"
 #include "tests/support/test_data.hpp"
 
@@ -87,7 +87,7 @@ class BenchCamera {
                  (mission.path() / ("camera" + std::to_string(n) + ".txt")).string()) {}
   [[nodiscard]] NamespacedProcess& process() { return process_; }
   [[nodiscard]] static std::string serial(int n) { return "BENCH-" + std::to_string(n); }
-  // Exposures of this fate, as the camera tells.
+  // Exposures with this fate in the camera's log.
   [[nodiscard]] int count(const std::string& fate) const {
     std::ifstream in(log_);
     std::string line;
@@ -165,7 +165,7 @@ class BenchClient final : public io::FrameSink {
 
   std::vector<io::CameraFrame> frames;
   std::vector<int> indices;  // of the images
-  int wrong = 0;             // frames whose pixels are not those exposed at their time
+  int wrong = 0;             // frames with other pixels than those exposed at their time
   double worst_s = 0;        // largest error of a frame's time
 
  private:
@@ -184,7 +184,7 @@ class BenchClient final : public io::FrameSink {
     config.interface = NamespacedProcess::linkName(n);
     return config;
   }
-  // The system's clock is the vehicle's time here: what the schedule is told in.
+  // The vehicle's time is the system's clock, as in the schedule.
   static io::VehicleTime time() {
     const std::int64_t ahead = systemUtcNs() - rt::RealClock().monotonicNs();
     return [ahead] { return rt::RealClock().monotonicNs() + ahead; };

@@ -5,7 +5,7 @@
 
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/hil/bench/machine_faults.hpp"
 #include "sim/hil/bench/program_under_test.hpp"
@@ -19,8 +19,6 @@
 namespace fathom::sim {
 namespace {
 
-const std::atomic<bool> kGoOn{false};
-
 TEST(ChildProcess, ItsOutputItsVariablesAndItsExitStatusAreSeen) {
   const test::TemporaryFolder folder;
   ChildProcess::Options options;
@@ -28,17 +26,17 @@ TEST(ChildProcess, ItsOutputItsVariablesAndItsExitStatusAreSeen) {
   options.environment = {"WORD=a=b"};
   options.output = folder.path() / "log";
   ChildProcess child(options);
-  EXPECT_TRUE(child.waitForLine("armed", 10, kGoOn));
+  EXPECT_TRUE(child.waitForLine("armed", 10, kNeverStop));
   EXPECT_EQ(child.wait(10), 3);
   EXPECT_EQ(test::readText(options.output), "first\narmed a=b\n");
-  EXPECT_FALSE(child.waitForLine("never", 10, kGoOn)) << "ended: there is nothing to wait for";
+  EXPECT_FALSE(child.waitForLine("never", 10, kNeverStop)) << "ended: there is nothing to wait for";
 
   options.argv = {folder.path() / "absent"};
   ChildProcess absent(options);
   EXPECT_EQ(absent.wait(10), 126);
 }
 
-TEST(ChildProcess, AProgramThatHearsNothingIsKilledByItsSignal) {
+TEST(ChildProcess, ARunningProgramIsKilledBySignalAndEndsWithItsOwner) {
   const test::TemporaryFolder folder;
   ChildProcess::Options options;
   options.argv = {"/bin/sleep", "1000"};
@@ -87,15 +85,15 @@ TEST(ChildProcess, ANetworkOfItsOwnIsJoinedByACableOfLargePackets) {
 TEST(ProgramUnderTest, KilledItLivesAgainAndEndedByItselfItDoesNot) {
   const test::TemporaryFolder folder;
   rt::RealClock real;
-  const VehicleClock clock(real);
+  const SimulatedVehicleClock clock(real);
   ChildProcess::Options options;
   options.argv = {"/bin/sh", "-c", "sleep 60 & echo armed; wait; exit 3"};
   options.output = folder.path() / "onboard.log";
   ProgramUnderTest program(options, clock);
   using Process = ProgramUnderTest::Process;
-  ASSERT_TRUE(program.waitUntilArmed(10, kGoOn));
+  ASSERT_TRUE(program.waitUntilArmed(10, kNeverStop));
   EXPECT_TRUE(program.running());
-  EXPECT_TRUE(program.away().empty());
+  EXPECT_TRUE(program.outages().empty());
   const auto soon = [&](auto holds) {
     for (int k = 0; k < 200; ++k) {
       if (holds()) return true;
@@ -103,23 +101,23 @@ TEST(ProgramUnderTest, KilledItLivesAgainAndEndedByItselfItDoesNot) {
     }
     return false;
   };
-  ASSERT_TRUE(program.tell(Process::kVehicle, SIGKILL));
-  EXPECT_TRUE(soon([&] { return program.running() && program.away().back().until_utc_ns > 0; }));
-  ASSERT_EQ(program.away().size(), 1u);
-  EXPECT_LT(program.away()[0].from_utc_ns, program.away()[0].until_utc_ns);
+  ASSERT_TRUE(program.signalProcess(Process::kVehicle, SIGKILL));
+  EXPECT_TRUE(soon([&] { return program.running() && program.outages().back().until_utc_ns > 0; }));
+  ASSERT_EQ(program.outages().size(), 1u);
+  EXPECT_LT(program.outages()[0].from_utc_ns, program.outages()[0].until_utc_ns);
   EXPECT_EQ(test::readText(folder.path() / "onboard-2.log"), "armed\n");
   // Its child; with which this one ends by itself.
-  ASSERT_TRUE(soon([&] { return program.tell(Process::kMapper, SIGKILL); }));
+  ASSERT_TRUE(soon([&] { return program.signalProcess(Process::kMapper, SIGKILL); }));
   EXPECT_TRUE(soon([&] { return !program.running(); }));
   EXPECT_EQ(program.wait(1), 3);
-  EXPECT_FALSE(program.tell(Process::kMapper, SIGKILL));
+  EXPECT_FALSE(program.signalProcess(Process::kMapper, SIGKILL));
 }
 
 TEST(SteppedClock, AProgramSeesItsClockStepAndTheMachineDoesNot) {
   const test::TemporaryFolder folder;
   SteppedClock clock(folder.path() / "step");
   ASSERT_FALSE(clock.environment().empty())
-      << "lib/fathom/libfathom_stepped_clock.so must lie beside the tests' folder";
+      << "lib/fathom/libfathom_stepped_clock.so must be beside the tests' folder";
   const auto yearSeen = [&] {
     ChildProcess::Options options;
     options.argv = {"/bin/date", "+%s"};
@@ -140,7 +138,7 @@ TEST(SteppedClock, AProgramSeesItsClockStepAndTheMachineDoesNot) {
 TEST(RecordingDisk, FullIsFullAndWhatWasWrittenStays) {
   const test::TemporaryFolder folder;
   std::filesystem::create_directories(folder.path() / "mission");
-  // In a process of its own, whose mounts nobody else sees.
+  // In a process of its own, with private mounts.
   const pid_t process = ::fork();
   if (process == 0) {
     RecordingDisk disk;
@@ -180,10 +178,10 @@ TEST(MachineFaults, EachIsDoneAtItsTimeAndTakenBackAndWhatCannotBeDoneIsSaid) {
       "[[fault]]\nkind = \"disk_full\"\nat_s = 5\nfor_s = 1\n"
       "[[fault]]\nkind = \"cpu_hog\"\nat_s = 500\nfor_s = 1\n",
       "faults.toml");
-  VehicleClock clock(time);
+  SimulatedVehicleClock clock(time);
   SteppedClock stepped(folder.path() / "step");
   MachineFaults machine(schedule, script, clock, nullptr, &stepped, nullptr);
-  machine.run(kGoOn);
+  machine.run(kNeverStop);
   EXPECT_EQ(machine.done()[static_cast<std::size_t>(FaultKind::kClockStep)], 2U);
   EXPECT_EQ(machine.done()[static_cast<std::size_t>(FaultKind::kCpuHog)], 1U) << "the other is after the end";
   EXPECT_EQ(machine.done()[static_cast<std::size_t>(FaultKind::kDiskFull)], 0U);

@@ -1,4 +1,5 @@
 #include "sim/hil/hil_compare.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,9 +7,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "realtime/kernel/config_table.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "realtime/base/config_table.hpp"
+#include "realtime/base/input_error.hpp"
 #include "sim/hil/fault_table.hpp"
 #include "sim/hil/hil_folder.hpp"
 #include "tests/sim/hil_mission.hpp"
@@ -46,7 +47,7 @@ TEST(HilCompare, FoldersDifferByBytesAndByWhatOneLacksButNotByMeasuredTimes) {
 }
 
 TEST(HilCompare, PosesAreMatchedByTheMissionsTimeAndPartedIntoTheWholesMotionAndTheirOwn) {
-  const TimeShift shift = {kMissionNs + 5000 * kSecondNs, kMissionNs, 2.0};
+  const TimeShift shift = {kMissionNs + 5000 * kSecond_ns, kMissionNs, 2.0};
   const double mission_s = 1e-9 * static_cast<double>(kMissionNs), run_s = mission_s + 5000;
   const SE3 whole(Eigen::Quaterniond(Eigen::AngleAxisd(0.004, Eigen::Vector3d::UnitZ())),
                   Eigen::Vector3d(0.01, -0.02, 0.001));
@@ -83,13 +84,13 @@ std::vector<CameraLogRow> exposures(int n, std::int64_t period_ns, std::int64_t 
 }
 
 TEST(HilCompare, APairOfExposuresThatWereNotTakenTogetherIsFound) {
-  const auto left = exposures(10, 500 * kMillisecondNs, 0);
-  auto right = exposures(10, 500 * kMillisecondNs, 3 * kMillisecondNs);
-  right[4].exposed_utc_ns += 40 * kMillisecondNs;  // late
+  const auto left = exposures(10, 500 * kMillisecond_ns, 0);
+  auto right = exposures(10, 500 * kMillisecond_ns, 3 * kMillisecond_ns);
+  right[4].exposed_utc_ns += 40 * kMillisecond_ns;  // late
   io::StereoPoseFile live;
   const auto add = [&](int l, std::int64_t r_ns) {
     io::StereoPose p;
-    p.left_image = io::imageFileName(left[static_cast<std::size_t>(l)].exposed_utc_ns + 2 * kMillisecondNs,
+    p.left_image = io::imageFileName(left[static_cast<std::size_t>(l)].exposed_utc_ns + 2 * kMillisecond_ns,
                                      CameraSide::kLeft);
     p.right_image = io::imageFileName(r_ns, CameraSide::kRight);
     live.poses.push_back(p);
@@ -97,7 +98,7 @@ TEST(HilCompare, APairOfExposuresThatWereNotTakenTogetherIsFound) {
   add(1, right[1].exposed_utc_ns);
   add(4, right[4].exposed_utc_ns);
   add(6, right[7].exposed_utc_ns);
-  add(8, right[8].exposed_utc_ns + 200 * kMillisecondNs);
+  add(8, right[8].exposed_utc_ns + 200 * kMillisecond_ns);
   const PairCheck check = checkPairs(live, left, right, 0.025);
   EXPECT_EQ(check.pairs, 4U);
   EXPECT_EQ(check.mismatched, 2U);
@@ -130,7 +131,7 @@ TEST(HilCompare, AFaultThatNoCounterSawMakesTheTableBad) {
       "[[fault]]\nkind = \"lost_packets\"\nat_s = 3\nfor_s = 1\ncamera = \"left\"\nresend = true\n"
       "[[fault]]\nkind = \"lost_frames\"\nat_s = 2\nfor_s = 0.4\ncamera = \"right\"\n",
       "faults.toml");
-  auto left = exposures(10, 500 * kMillisecondNs, 0), right = left;
+  auto left = exposures(10, 500 * kMillisecond_ns, 0), right = left;
   left[2].packets_lost = left[3].packets_lost = 1;  // 1 s and 1.5 s
   left[6].packets_lost = 1;                         // sent again
   right[4].fate = "lost";
@@ -142,10 +143,10 @@ TEST(HilCompare, AFaultThatNoCounterSawMakesTheTableBad) {
   {
     const FaultTable table(script, run, live, report, left, right);
     EXPECT_TRUE(table.print(nowhere));
-    EXPECT_TRUE(table.cameWhole(CameraSide::kLeft, left[0]));
-    EXPECT_FALSE(table.cameWhole(CameraSide::kLeft, left[2]));
-    EXPECT_TRUE(table.cameWhole(CameraSide::kLeft, left[6]));
-    EXPECT_FALSE(table.cameWhole(CameraSide::kRight, right[4]));
+    EXPECT_TRUE(table.arrivedComplete(CameraSide::kLeft, left[0]));
+    EXPECT_FALSE(table.arrivedComplete(CameraSide::kLeft, left[2]));
+    EXPECT_TRUE(table.arrivedComplete(CameraSide::kLeft, left[6]));
+    EXPECT_FALSE(table.arrivedComplete(CameraSide::kRight, right[4]));
   }
   live["devices"]["camera_right"]["missed"] = 2;
   EXPECT_FALSE(FaultTable(script, run, live, report, left, right).print(nowhere));

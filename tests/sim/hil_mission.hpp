@@ -1,20 +1,21 @@
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <string>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::sim {
 
 constexpr std::int64_t kMissionNs = 1'772'330'400'000'000'000;  // 2026-03-01T02:00:00Z
-constexpr std::int64_t kMillisecondNs = 1'000'000;
-constexpr std::int64_t kSecondNs = 1000 * kMillisecondNs;
+inline const std::atomic<bool> kNeverStop{false};
 
 // Ten seconds of a dive without pictures in its img/: DVL at 5 Hz (first at 100 ms, 0.4 m/s forward), compass
-// at 10 Hz (first at 0), a USBL fix at 3 s, pairs at 2 Hz from 1 s on whose left stamps are 20 ms behind, as
-// mission.toml says.
+// at 10 Hz (first at 0), a USBL fix at 3 s, pairs at 2 Hz from 1 s, left stamps 20 ms behind as in
+// mission.toml.
 inline void writeTenSecondMission(const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder / "img");
   io::MissionConfig mission;
@@ -29,22 +30,22 @@ inline void writeTenSecondMission(const std::filesystem::path& folder) {
 
   io::SensorLogWriter log(io::MissionPaths(folder).log());
   for (int tick = 0; tick < 100; ++tick) {
-    const std::int64_t now_ns = kMissionNs + tick * 100 * kMillisecondNs;
+    const std::int64_t now_ns = kMissionNs + tick * 100 * kMillisecond_ns;
     AttitudeSample attitude;
     attitude.utc_ns = now_ns;
     attitude.heading = 0.01 * tick;
-    log.write(now_ns + 5 * kMillisecondNs, attitude);
+    log.write(now_ns + 5 * kMillisecond_ns, attitude);
     if (tick % 2 == 1) {
       DvlSample dvl;
       dvl.utc_ns = now_ns;
       dvl.velocity = Eigen::Vector3d(0.4, 0.01, -0.02);
       dvl.range = {2.5, 2.6, 2.7, 2.8};
-      log.write(now_ns + 60 * kMillisecondNs, dvl);
+      log.write(now_ns + 60 * kMillisecond_ns, dvl);
     }
     if (tick == 30) {
       UsblFix fix;
       fix.utc_ns = now_ns;
-      fix.arrival_utc_ns = now_ns + 4 * kSecondNs;
+      fix.arrival_utc_ns = now_ns + 4 * kSecond_ns;
       fix.latitude = -0.4;
       fix.longitude = 2.6;
       fix.depth = 12;
@@ -53,9 +54,9 @@ inline void writeTenSecondMission(const std::filesystem::path& folder) {
     }
     if (tick >= 10 && tick % 5 == 0) {
       const std::string number = std::to_string(tick);
-      log.write(now_ns + 80 * kMillisecondNs,
-                ImageEvent{now_ns - 20 * kMillisecondNs, CameraSide::kLeft, "L" + number + ".tif", 0.002});
-      log.write(now_ns + 90 * kMillisecondNs,
+      log.write(now_ns + 80 * kMillisecond_ns,
+                ImageEvent{now_ns - 20 * kMillisecond_ns, CameraSide::kLeft, "L" + number + ".tif", 0.002});
+      log.write(now_ns + 90 * kMillisecond_ns,
                 ImageEvent{now_ns, CameraSide::kRight, "R" + number + ".tif", 0.002});
     }
   }

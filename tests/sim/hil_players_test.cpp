@@ -6,11 +6,12 @@
 
 #include <thread>
 
-#include "firmware_if/dvl/dvl_sample.hpp"
-#include "firmware_if/dvl/pd0_decoder.hpp"
-#include "firmware_if/log/log_messages.hpp"
-#include "firmware_if/modem/modem_ports.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/devices/dvl/dvl_sample.hpp"
+#include "firmware_if/devices/dvl/pd0_decoder.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
+#include "firmware_if/mission/log/log_messages.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "sim/hil/players/dvl_player.hpp"
 #include "sim/hil/players/lcm_player.hpp"
 #include "sim/hil/players/modem_player.hpp"
@@ -25,18 +26,18 @@
 namespace fathom::sim {
 namespace {
 
-const std::atomic<bool> kGoOn{false};
-
 class HilPlayers : public testing::Test {
  protected:
   void SetUp() override {
     writeTenSecondMission(folder_.path() / "mission");
     ScheduleOptions options;
-    options.start_utc_ns = kMissionNs + 3600 * kSecondNs;
-    clock_.advance(options.start_utc_ns - kSecondNs);
+    options.start_utc_ns = kMissionNs + 3600 * kSecond_ns;
+    clock_.advance(options.start_utc_ns - kSecond_ns);
     schedule_ = makeSchedule(folder_.path() / "mission", options);
   }
-  [[nodiscard]] double missionNow() { return schedule_.missionSeconds(VehicleClock(clock_).utcNs()); }
+  [[nodiscard]] double missionNow() {
+    return schedule_.missionSeconds(SimulatedVehicleClock(clock_).utcNs());
+  }
 
   test::TemporaryFolder folder_;
   test::ManualClock clock_;  // nothing waits: ten seconds pass at once
@@ -44,9 +45,9 @@ class HilPlayers : public testing::Test {
 };
 
 TEST_F(HilPlayers, EveryEnsembleEndsWhenTheMissionsRecorderHadItAtTheLinesPace) {
-  VehicleClock clock(clock_);
+  SimulatedVehicleClock clock(clock_);
   io::Pd0Decoder decoder;
-  std::vector<std::pair<std::int64_t, DvlSample>> heard;
+  std::vector<std::pair<std::int64_t, DvlSample>> received;
   std::int64_t last_ns = 0;
   double fastest = 0;  // bytes a second
   DvlPlayer player(schedule_, {}, clock, [&](std::span<const std::uint8_t> bytes) {
@@ -55,18 +56,19 @@ TEST_F(HilPlayers, EveryEnsembleEndsWhenTheMissionsRecorderHadItAtTheLinesPace) 
       fastest =
           std::max(fastest, 1e9 * static_cast<double>(bytes.size()) / static_cast<double>(now_ns - last_ns));
     last_ns = now_ns;
-    decoder.feed(bytes, [&](const io::Pd0Ensemble& e) { heard.emplace_back(now_ns, *io::toDvlSample(e)); });
+    decoder.feed(bytes,
+                 [&](const io::Pd0Ensemble& e) { received.emplace_back(now_ns, *io::toDvlSample(e)); });
   });
-  player.run(kGoOn);
+  player.run(kNeverStop);
   EXPECT_EQ(player.counters().ensembles, 50U);
-  ASSERT_EQ(heard.size(), 50U);
+  ASSERT_EQ(received.size(), 50U);
   std::size_t i = 0;
   for (const ScheduledSample& s : schedule_.samples) {
     const auto* sent = std::get_if<DvlSample>(&s.sample);
     if (sent == nullptr) continue;
-    EXPECT_NEAR(static_cast<double>(heard[i].first - s.due_utc_ns), 0, 1e5);
-    EXPECT_EQ(heard[i].second.utc_ns, sent->utc_ns);
-    EXPECT_LE((*heard[i].second.velocity - *sent->velocity).norm(), 1e-3);
+    EXPECT_NEAR(static_cast<double>(received[i].first - s.due_utc_ns), 0, 1e5);
+    EXPECT_EQ(received[i].second.utc_ns, sent->utc_ns);
+    EXPECT_LE((*received[i].second.velocity - *sent->velocity).norm(), 1e-3);
     ++i;
   }
   EXPECT_LE(fastest, DvlPlayer::kBaud / 10.0 * 1.01);
@@ -77,24 +79,24 @@ TEST_F(HilPlayers, GarbageAndSilenceOfTheDvlAreCountedAsTheReceiverCountsThem) {
       "[[fault]]\nkind = \"dvl_garbage\"\nat_s = 2\nfor_s = 3\nevery = 2\nnoise_bytes = 50\n"
       "[[fault]]\nkind = \"dvl_silence\"\nat_s = 6\nfor_s = 1\n",
       "faults.toml");
-  VehicleClock clock(clock_);
+  SimulatedVehicleClock clock(clock_);
   io::Pd0Decoder decoder;
-  std::uint64_t heard = 0;
+  std::uint64_t received = 0;
   DvlPlayer player(schedule_, script, clock, [&](std::span<const std::uint8_t> bytes) {
-    decoder.feed(bytes, [&](const io::Pd0Ensemble&) { ++heard; });
+    decoder.feed(bytes, [&](const io::Pd0Ensemble&) { ++received; });
   });
-  player.run(kGoOn);
-  decoder.drain([&](const io::Pd0Ensemble&) { ++heard; });
+  player.run(kNeverStop);
+  decoder.drain([&](const io::Pd0Ensemble&) { ++received; });
   const auto expected = script.expectedCounts(schedule_.playedTimes());
   EXPECT_EQ(player.counters().damaged, expected[static_cast<std::size_t>(FaultKind::kDvlGarbage)]);
   EXPECT_EQ(player.counters().withheld, expected[static_cast<std::size_t>(FaultKind::kDvlSilence)]);
   EXPECT_EQ(player.counters().damaged, 8U);
   EXPECT_EQ(player.counters().withheld, 5U);
   EXPECT_EQ(decoder.counts().bad_checksum, player.counters().damaged);
-  EXPECT_EQ(heard + player.counters().damaged + player.counters().withheld, 50U);
+  EXPECT_EQ(received + player.counters().damaged + player.counters().withheld, 50U);
 }
 
-TEST_F(HilPlayers, TheTerminalCarriesBytesBothWaysUnderAStableNameAndForgetsWhatNobodyReads) {
+TEST_F(HilPlayers, TheTerminalCarriesBytesInBothDirectionsUnderAStableNameAndDropsUnreadOnes) {
   PseudoTerminal cable(folder_.path() / "dvl");
   const int port = ::open((folder_.path() / "dvl").c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK);
   ASSERT_GE(port, 0);
@@ -117,7 +119,7 @@ TEST_F(HilPlayers, TheTerminalCarriesBytesBothWaysUnderAStableNameAndForgetsWhat
 }
 
 // What a vehicle's program does: sends frames, the turn with every second, and listens.
-TEST_F(HilPlayers, TheShipHearsTheVehicleAndItsFixesComeBackOverTheModem) {
+TEST_F(HilPlayers, TheShipReceivesTheVehicleAndItsFixesArriveOverTheModem) {
   constexpr telemetry::LinkIdentity kIdentity{3, 17};
   SimulatedShipOptions water;
   water.loss = water.duplicate = water.reorder = water.corrupt = 0;
@@ -125,7 +127,7 @@ TEST_F(HilPlayers, TheShipHearsTheVehicleAndItsFixesComeBackOverTheModem) {
   water.rate_bps = 9600;
   water.half_duplex = false;
   rt::RealClock real;
-  VehicleClock clock(real);
+  SimulatedVehicleClock clock(real);
   // The fix is due now.
   for (ScheduledSample& s : schedule_.samples)
     if (auto* fix = std::get_if<UsblFix>(&s.sample)) s.due_utc_ns = fix->utc_ns = clock.utcNs();
@@ -156,18 +158,18 @@ TEST_F(HilPlayers, TheShipHearsTheVehicleAndItsFixesComeBackOverTheModem) {
   stop = true;
   thread.join();
   ASSERT_TRUE(fix.has_value());
-  EXPECT_NEAR(fix->latitude, -0.4 * 180 / M_PI, 1e-7);
+  EXPECT_NEAR(fix->latitude, -radiansToDegrees(0.4), 1e-7);
   EXPECT_EQ(player.counters().from_vehicle, sent);
-  telemetry::PacketLogReader heard(folder_.path() / "heard.bin");
-  EXPECT_TRUE(heard.next().has_value());
+  telemetry::PacketLogReader received(folder_.path() / "heard.bin");
+  EXPECT_TRUE(received.next().has_value());
 }
 
-TEST_F(HilPlayers, ASilentModemLosesFramesBothWaysAndCountsThem) {
+TEST_F(HilPlayers, ASilentModemLosesFramesInBothDirectionsAndCountsThem) {
   const FaultScript script =
       parseFaultScript("[[fault]]\nkind = \"modem_silence\"\nat_s = 0\nfor_s = 1000\n", "faults.toml");
   rt::RealClock real;
-  VehicleClock clock(real);
-  schedule_.start_utc_ns = clock.utcNs() - kSecondNs;
+  SimulatedVehicleClock clock(real);
+  schedule_.start_utc_ns = clock.utcNs() - kSecond_ns;
   std::atomic<bool> stop{false};
   ModemPlayer player(schedule_, script, clock, folder_.path() / "heard.bin", {}, std::uint16_t{0});
   std::thread thread([&] { player.run(stop); });
@@ -183,12 +185,12 @@ TEST_F(HilPlayers, ASilentModemLosesFramesBothWaysAndCountsThem) {
 TEST_F(HilPlayers, WhatCompassAndDepthSayIsOnLcmExceptWhileTheBusIsOff) {
   const FaultScript script =
       parseFaultScript("[[fault]]\nkind = \"can_bus_off\"\nat_s = 4\nfor_s = 1\n", "faults.toml");
-  VehicleClock clock(clock_);
+  SimulatedVehicleClock clock(clock_);
   // Within one process: LCM's own in-memory provider is of one instance; a file holds what was published.
   const std::filesystem::path file = folder_.path() / "published.lcmlog";
   {
     LcmPlayer player(schedule_, script, clock, "file://" + file.string() + "?mode=w");
-    player.run(kGoOn);
+    player.run(kNeverStop);
     EXPECT_EQ(player.counters().messages, 90U);
     EXPECT_EQ(player.counters().withheld, 10U);
     EXPECT_EQ(player.counters().refused, 0U);
@@ -201,8 +203,8 @@ TEST_F(HilPlayers, WhatCompassAndDepthSayIsOnLcmExceptWhileTheBusIsOff) {
                                                            static_cast<std::size_t>(event->datalen)});
     ASSERT_TRUE(decoded.has_value());
     const auto* attitude = std::get_if<AttitudeSample>(&decoded->sample);
-    ASSERT_NE(attitude, nullptr) << "DVL and USBL have other ways";
-    EXPECT_EQ(attitude->utc_ns + 5 * kMillisecondNs, decoded->arrival_utc_ns);
+    ASSERT_NE(attitude, nullptr) << "DVL and USBL use other interfaces";
+    EXPECT_EQ(attitude->utc_ns + 5 * kMillisecond_ns, decoded->arrival_utc_ns);
     ++attitudes;
     ::lcm_eventlog_free_event(event);
   }

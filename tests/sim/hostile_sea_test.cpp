@@ -3,11 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <opencv2/imgcodecs.hpp>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "sim/sea/ground/albedo_images.hpp"
 #include "sim/sea/light/daylight.hpp"
 #include "sim/sea/light/lens_blur.hpp"
@@ -24,7 +23,7 @@ double mean(const std::vector<float>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
 }
 
-std::vector<float> lit(const Renderer& renderer, const Moment& moment, double altitude_m = 2) {
+std::vector<float> lit(const Renderer& renderer, const PhotoConditions& moment, double altitude_m = 2) {
   return electronsOf(renderer, above(altitude_m), CameraSide::kLeft, moment);
 }
 
@@ -52,12 +51,12 @@ TEST(MarineSnow, IsSeenByBothCamerasAtItsOwnDepth) {
   const StereoRig rig = smallRig();
   OpticsConfig lamps = bareOptics();
   lamps.strobes = {{{0, 0.3, 0}, {0, 0, 1}, 1.0, 0.7}};
-  const Attenuation attenuation(lamps.water);
+  const WaterAttenuation attenuation(lamps.water);
   const std::vector<Beam> beams(lamps.strobes.begin(), lamps.strobes.end());
   const std::vector<Speck> one{{{0.05F, 0.02F, 1.2F}, 0.004F}};
   const SE3 T_body_right = cameraInBody() * rig.T_right_left.inverse();
-  const auto left = seenSpecks(one, lamps, attenuation, beams, rig.left, cameraInBody(), cameraInBody()),
-             right = seenSpecks(one, lamps, attenuation, beams, rig.right, T_body_right, cameraInBody());
+  const auto left = visibleSpecks(one, lamps, attenuation, beams, rig.left, cameraInBody(), cameraInBody()),
+             right = visibleSpecks(one, lamps, attenuation, beams, rig.right, T_body_right, cameraInBody());
   ASSERT_EQ(left.size(), 1u);
   ASSERT_EQ(right.size(), 1u);
   Eigen::Vector3d point;
@@ -71,12 +70,12 @@ TEST(MarineSnow, IsSeenByBothCamerasAtItsOwnDepth) {
 }
 
 TEST(Renderer, MarineSnowHidesBehindTheGroundAndShinesBeforeIt) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = bareOptics();
   const auto clear = lit(Renderer(terrain, optics, smallRig(), cameraInBody()), {});
   optics.water.snow_per_m3 = 3000;
   const Renderer snowy(terrain, optics, smallRig(), cameraInBody());
-  Moment one, other;
+  PhotoConditions one, other;
   one.snow_seed = 1, other.snow_seed = 2;
   const auto a = lit(snowy, one), b = lit(snowy, other), again = lit(snowy, one);
   EXPECT_EQ(a, again);
@@ -132,7 +131,7 @@ TEST(LensBlur, DefocusGrowsAwayFromTheFocus) {
   }
 }
 
-TEST(LensBlur, MotionSmearsAPointAlongItsWay) {
+TEST(LensBlur, MotionBlursAPointAlongItsPath) {
   std::vector<float> image = point();
   motionBlur({image, kWide, kHigh, 1}, [](int, int) { return Eigen::Vector2f(6, 0); });
   EXPECT_NEAR(width(image), 6 / std::sqrt(12.0), 0.15);
@@ -143,9 +142,9 @@ TEST(LensBlur, MotionSmearsAPointAlongItsWay) {
 TEST(Renderer, WhatMovesWhileTheImageGathersLightIsBlurred) {
   TerrainConfig config = flatSeafloor();
   config.detail_contrast = 0.22;
-  const Terrain terrain(config);
+  const SeaTerrain terrain(config);
   const Renderer renderer(terrain, bareOptics(), smallRig(), cameraInBody());
-  Moment still, moving;
+  PhotoConditions still, moving;
   moving.T_begin_end = SE3::fromEuler(0, 0, 0, {0.03, 0, 0});  // 3 pixels at 2 m, along the image's columns
   const auto sharp = lit(renderer, still), smeared = lit(renderer, moving);
   double along[2] = {}, across[2] = {};
@@ -194,23 +193,23 @@ TEST(Daylight, FallsWithDepthAndCausticsKeepItsMean) {
 }
 
 TEST(Renderer, DaylightAddsToTheStrobesAndIsThereWithoutThem) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = monoOptics();
   optics.water.backscatter_fraction = 0;
   optics.daylight.irradiance = 3;
   const Renderer day(terrain, optics, smallRig(), cameraInBody());
   optics.daylight.irradiance = 0;
   const Renderer night(terrain, optics, smallRig(), cameraInBody());
-  Moment dark;
+  PhotoConditions dark;
   dark.flashes = {0, 0};
   EXPECT_EQ(mean(lit(night, dark)), 0);
   EXPECT_NEAR(mean(lit(day, {})) / (mean(lit(night, {})) + mean(lit(day, dark))), 1, 1e-4);
 }
 
 TEST(Renderer, AStrobeThatStaysDarkLeavesTheOthersLight) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   const Renderer renderer(terrain, monoOptics(), smallRig(), cameraInBody());
-  Moment fore, aft, half;
+  PhotoConditions fore, aft, half;
   fore.flashes = {1, 0}, aft.flashes = {0, 1}, half.flashes = {0.5, 0.5};
   const auto both = lit(renderer, {}), a = lit(renderer, fore), b = lit(renderer, aft),
              c = lit(renderer, half);
@@ -221,9 +220,9 @@ TEST(Renderer, AStrobeThatStaysDarkLeavesTheOthersLight) {
 }
 
 TEST(Renderer, TurbidWaterIsThatOfMoreScattering) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = monoOptics();
-  Moment turbid;
+  PhotoConditions turbid;
   turbid.turbidity = 2.5;
   const auto by_moment = lit(Renderer(terrain, optics, smallRig(), cameraInBody()), turbid);
   const auto clear = lit(Renderer(terrain, optics, smallRig(), cameraInBody()), {});
@@ -237,12 +236,12 @@ TEST(Renderer, TurbidWaterIsThatOfMoreScattering) {
 }
 
 TEST(Renderer, AutomaticExposureKeepsTheLevel) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = monoOptics();
   optics.water.backscatter_fraction = 0;
   const Renderer renderer(terrain, optics, smallRig(), cameraInBody());
-  Moment far;
-  far.exposure = renderer.exposureAt(4);
+  PhotoConditions far;
+  far.exposure = renderer.exposureFactor(4);
   const auto centre = [](const std::vector<float>& image) {
     return static_cast<double>(image[60 * kWide + 77]);
   };
@@ -251,7 +250,7 @@ TEST(Renderer, AutomaticExposureKeepsTheLevel) {
 }
 
 TEST(Renderer, GlareIsBrightestTowardsTheLamp) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = monoOptics();
   optics.strobes.resize(1);
   optics.strobes[0].position_body = {0, 0.8, 0};  // to starboard, which is right in the image

@@ -6,16 +6,17 @@
 #include <set>
 #include <thread>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "sim/mission/mission_maker.hpp"
-#include "sim/mission/wide_seafloor.hpp"
 #include "sim/scenario/scenario_file.hpp"
+#include "sim/sea/sea_terrain.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -118,36 +119,37 @@ TEST(MissionMaker, RendersWithAsManyThreadsAsItIsGiven) {
   }
 }
 
-TEST(MissionMaker, TellsTheVehicleAWrongCalibrationAndTheTruthTheRightOne) {
+TEST(MissionMaker, WritesTheNominalCalibrationForTheVehicleAndTheTrueOneAsTruth) {
   test::TemporaryFolder folder;
   Scenario scenario = tinyScenario();
   make(scenario, folder.path() / "right");
   CalibrationErrors& e = scenario.calibration_errors;
   e.focal = 0.003, e.centre = 0.002, e.radial = 0.01;
-  e.rig_angle = degrees(0.2), e.rig_position_m = 0.0005;
-  e.mounting_angle = degrees(0.5), e.lever_arm_m = 0.01, e.time_s = 0.02;
+  e.rig_angle = degreesToRadians(0.2), e.rig_position_m = 0.0005;
+  e.mounting_angle = degreesToRadians(0.5), e.lever_arm_m = 0.01, e.time_s = 0.02;
   make(scenario, folder.path() / "wrong");
   const io::MissionPaths wrong(folder.path() / "wrong"), truth(wrong.truth());
-  const StereoRig rig = readStereoCalib(truth.calib()), told = readStereoCalib(wrong.calib());
+  const StereoRig rig = readStereoCalib(truth.calib()), nominal = readStereoCalib(wrong.calib());
   EXPECT_EQ(test::readText(truth.calib()), test::readText(io::MissionPaths(folder.path() / "right").calib()));
-  EXPECT_NEAR(std::abs(told.left.fx / rig.left.fx - 1), 0.003, 1e-6);
-  EXPECT_NEAR(std::hypot(told.right.cx - rig.right.cx, told.right.cy - rig.right.cy), 0.002 * rig.right.width,
-              1e-3);
-  EXPECT_NEAR(std::abs(told.left.k1 - rig.left.k1), 0.01, 1e-6);
-  EXPECT_NEAR(told.T_right_left.rotation().angularDistance(rig.T_right_left.rotation()), degrees(0.2), 1e-6);
-  EXPECT_NEAR((told.T_right_left.translation() - rig.T_right_left.translation()).norm(), 0.0005, 1e-6);
+  EXPECT_NEAR(std::abs(nominal.left.fx / rig.left.fx - 1), 0.003, 1e-6);
+  EXPECT_NEAR(std::hypot(nominal.right.cx - rig.right.cx, nominal.right.cy - rig.right.cy),
+              0.002 * rig.right.width, 1e-3);
+  EXPECT_NEAR(std::abs(nominal.left.k1 - rig.left.k1), 0.01, 1e-6);
+  EXPECT_NEAR(nominal.T_right_left.rotation().angularDistance(rig.T_right_left.rotation()),
+              degreesToRadians(0.2), 1e-6);
+  EXPECT_NEAR((nominal.T_right_left.translation() - rig.T_right_left.translation()).norm(), 0.0005, 1e-6);
   const io::MissionConfig is = io::readMissionConfig(truth.root), says = io::readMissionConfig(wrong.root);
   for (const auto& [a, b] : {std::pair(is.T_body_cam, says.T_body_cam), {is.T_body_dvl, says.T_body_dvl}}) {
-    EXPECT_NEAR(a.rotation().angularDistance(b.rotation()), degrees(0.5), 1e-6);
+    EXPECT_NEAR(a.rotation().angularDistance(b.rotation()), degreesToRadians(0.5), 1e-6);
     EXPECT_NEAR((a.translation() - b.translation()).norm(), 0.01, 1e-6);
   }
   EXPECT_NEAR(std::abs(is.time_offsets.dvl - says.time_offsets.dvl), 0.02, 1e-9);
   scenario.calibration_errors = {};
-  scenario.calibration_errors.rig_y = degrees(-0.3), scenario.calibration_errors.baseline = 0.007;
+  scenario.calibration_errors.rig_y = degreesToRadians(-0.3), scenario.calibration_errors.baseline = 0.007;
   make(scenario, folder.path() / "as said");
   const SE3 off = readStereoCalib(io::MissionPaths(folder.path() / "as said").calib()).T_right_left *
                   rig.T_right_left.inverse();
-  EXPECT_NEAR(off.log()(4), degrees(-0.3), 1e-6);
+  EXPECT_NEAR(off.log()(4), degreesToRadians(-0.3), 1e-6);
   EXPECT_NEAR(readStereoCalib(io::MissionPaths(folder.path() / "as said").calib()).baseline(),
               1.007 * rig.baseline(), 1e-8);
   // The sea itself is the same.
@@ -319,7 +321,7 @@ TEST(MissionMaker, AFailureLeavesNothingBehind) {
 
 TEST(WideSeafloor, CarriesOnFlatBeyondTheTerrain) {
   const Scenario scenario = tinyScenario();
-  const Terrain terrain(scenario.terrain);
+  const SeaTerrain terrain(scenario.terrain);
   const WideSeafloor wide(terrain);
   EXPECT_EQ(wide.depthAt(0.5, 0.5), *terrain.depthAt(0.5, 0.5));
   EXPECT_NEAR(wide.depthAt(30, 0), 5.0, 1.5);

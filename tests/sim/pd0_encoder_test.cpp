@@ -5,8 +5,8 @@
 #include <cmath>
 #include <random>
 
-#include "firmware_if/dvl/dvl_sample.hpp"
-#include "firmware_if/dvl/pd0_decoder.hpp"
+#include "firmware_if/devices/dvl/dvl_sample.hpp"
+#include "firmware_if/devices/dvl/pd0_decoder.hpp"
 
 namespace fathom::sim {
 namespace {

@@ -5,8 +5,8 @@
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "recon/geometry/ply_writer.hpp"
 #include "sim/sea/appearance.hpp"
 #include "sim/sea/light/water_light.hpp"
 #include "tests/sim/renderer_scene.hpp"
@@ -15,7 +16,7 @@ namespace {
 
 TEST(Renderer, LightFallsToAQuarterAtTwiceTheDistance) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  const SeaTerrain terrain(whitePlate(folder.path(), 20.0));
   OpticsConfig optics = bareOptics();
   optics.strobes = {{{0, 0, 0}, {0, 0, 1}, 1.0, 0.7}};
   const Renderer renderer(terrain, optics, smallRig(), cameraInBody());
@@ -30,7 +31,7 @@ TEST(Beam, IsHalfAsStrongAtItsHalfAngle) {
 }
 
 TEST(Renderer, VignettingIsAPowerOfTheCosineOffTheAxis) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = bareOptics();
   const auto even =
       electronsOf(Renderer(terrain, optics, smallRig(), cameraInBody()), above(2), CameraSide::kLeft);
@@ -46,7 +47,7 @@ TEST(Renderer, VignettingIsAPowerOfTheCosineOffTheAxis) {
 
 TEST(Renderer, BayerPixelsHaveTheirChannelsQuantumEfficiency) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  const SeaTerrain terrain(whitePlate(folder.path(), 20.0));
   OpticsConfig optics = bareOptics();
   optics.sensor.left_format = PixelFormat::kBayerRggb;
   optics.sensor.quantum_efficiency = {0.5, 1.0, 0.8};
@@ -59,10 +60,10 @@ TEST(Renderer, BayerPixelsHaveTheirChannelsQuantumEfficiency) {
   EXPECT_NEAR(at(77, 61) / at(77, 60), 0.8, 0.01);
 }
 
-// Summed up anew: scattering * fraction / 2 pi of the light at every place on the ray comes back.
+// Independent sum: scattering * fraction / 2 pi of the light at every place on the ray is scattered back.
 TEST(Renderer, BackscatterIsTheSumOverTheRay) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  const SeaTerrain terrain(whitePlate(folder.path(), 20.0));
   OpticsConfig optics = bareOptics();
   optics.strobes = {{{0, 0.6, 0}, {0, 0, 1}, 1.0, 1.2}};
   optics.water = {{0.1, 0.1, 0.1}, {0.2, 0.2, 0.2}, 0};
@@ -72,7 +73,7 @@ TEST(Renderer, BackscatterIsTheSumOverTheRay) {
   optics.water.backscatter_fraction = kFraction;
   const double both = centreLevel(Renderer(terrain, optics, rig, cameraInBody()), above(kRange));
   const double power = std::log(0.5) / std::log(std::cos(1.2));
-  const auto lit = [&](double t) {  // irradiance times what is left after the way back, at t down the axis
+  const auto lit = [&](double t) {  // irradiance times transmission back, at t down the axis
     const double d = std::hypot(t, 0.6);
     return std::pow(t / d, power) / (d * d) * std::exp(-kLoss * (d + t));
   };
@@ -87,9 +88,9 @@ TEST(Renderer, BackscatterIsTheSumOverTheRay) {
 TEST(Appearance, IsWhatPhotographsShowOnceTheirLightIsTakenOut) {
   TerrainConfig config = flatSeafloor();
   config.detail_contrast = 0.22;
-  const Terrain grainy(config);
+  const SeaTerrain grainy(config);
   config.detail_contrast = 0;
-  const Terrain smooth(config);
+  const SeaTerrain smooth(config);
   OpticsConfig optics = bareOptics();
   optics.strobes = {{{0, 0, 0}, {0, 0, 1}, 1.0, 1.2}};
   const StereoRig rig = smallRig();
@@ -110,10 +111,10 @@ TEST(Appearance, IsWhatPhotographsShowOnceTheirLightIsTakenOut) {
       const auto at = static_cast<std::size_t>(y * 160 + x);
       const Eigen::Vector3d ray = (pose * cameraInBody()).rotation() * rig.left.ray({x, y});
       const double shown = static_cast<double>(with[at]) / static_cast<double>(without[at]) - 1;
-      const double foretold = mono(look_grainy, ray) / mono(look_smooth, ray) - 1;
+      const double predicted = mono(look_grainy, ray) / mono(look_smooth, ray) - 1;
       aa += shown * shown;
-      bb += foretold * foretold;
-      ab += shown * foretold;
+      bb += predicted * predicted;
+      ab += shown * predicted;
     }
   }
   EXPECT_GT(std::sqrt(bb / (80 * 120)), 0.05) << "grains are seen";
@@ -123,7 +124,7 @@ TEST(Appearance, IsWhatPhotographsShowOnceTheirLightIsTakenOut) {
 
 TEST(Renderer, AWhiteSeafloorAtTheReferenceDistanceGetsTheConfiguredExposure) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  const SeaTerrain terrain(whitePlate(folder.path(), 20.0));
   OpticsConfig optics = monoOptics();
   optics.water.backscatter_fraction = 0;
   optics.sensor.exposure = 0.8;
@@ -134,7 +135,7 @@ TEST(Renderer, AWhiteSeafloorAtTheReferenceDistanceGetsTheConfiguredExposure) {
 
 TEST(Renderer, WaterTakesRedBeforeGreenAndBlueByBeersLaw) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  const SeaTerrain terrain(whitePlate(folder.path(), 20.0));
   OpticsConfig optics = bareOptics();
   optics.sensor.left_format = PixelFormat::kBayerRggb;
   optics.sensor.quantum_efficiency = {1, 1, 1};
@@ -168,7 +169,7 @@ TEST(Renderer, ThingsCastAShadowOfTheNearStrobe) {
   config.kind = TerrainKind::kMesh;
   config.mesh_file = folder.path() / "plates.ply";
   config.detail_contrast = 0;
-  const Terrain terrain(config);  // the mean vertex lies at base_depth_m: the plates at +-0.25 m
+  const SeaTerrain terrain(config);  // the mean vertex is at base_depth_m: the plates at +-0.25 m
   const double altitude = 2.0;
   OpticsConfig optics = bareOptics();
   optics.strobes = {{{1.0, 0, 0}, {0, 0, 1}, 1.0, 1.2}};
@@ -188,7 +189,7 @@ TEST(Renderer, ThingsCastAShadowOfTheNearStrobe) {
 
 TEST(Renderer, OpenWaterShowsOnlyBackscatterBrighterTowardsTheStrobes) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 0.1));
+  const SeaTerrain terrain(whitePlate(folder.path(), 0.1));
   OpticsConfig optics = monoOptics();
   optics.strobes = {{{0.75, 0, 0}, {-0.2, 0, 1}, 1.0, 0.7}};
   const Renderer renderer(terrain, optics, smallRig(), cameraInBody());
@@ -203,7 +204,7 @@ TEST(Renderer, OpenWaterShowsOnlyBackscatterBrighterTowardsTheStrobes) {
 
 TEST(Renderer, NoiseHasTheVarianceOfShotAndReadNoise) {
   const test::TemporaryFolder folder;
-  const Terrain terrain(whitePlate(folder.path(), 20.0));
+  const SeaTerrain terrain(whitePlate(folder.path(), 20.0));
   OpticsConfig optics = monoOptics();
   optics.sensor.exposure = 0.5;
   const Renderer renderer(terrain, optics, smallRig(), cameraInBody());
@@ -227,7 +228,7 @@ TEST(Renderer, NoiseHasTheVarianceOfShotAndReadNoise) {
 }
 
 TEST(Renderer, EightBitsHoldTheSamePictureAndNoiseSeedsDiffer) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   OpticsConfig optics = monoOptics();
   const Renderer twelve(terrain, optics, smallRig(), cameraInBody());
   optics.sensor.bits = 8;

@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "recon/geometry/flat_port.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "sim/sea/renderer.hpp"
 
-// Small scenes whose pictures are known.
+// Small scenes with predictable pictures.
 namespace fathom::sim {
 
 inline constexpr double kDepth = 20.0;  // of the flat seafloors [m]
@@ -37,7 +37,7 @@ inline StereoRig smallRig() {
   return rig;
 }
 
-// The same cameras in air, thick ports some way off and out of true before them.
+// The same cameras in air, behind thick ports at a distance and with tilted normals.
 inline StereoRig behindFlatPorts(StereoRig rig) {
   double tilt = 0.03;
   for (Camera* camera : {&rig.left, &rig.right}) {
@@ -97,9 +97,9 @@ inline SE3 above(double altitude_m) {
 }
 
 inline std::vector<float> electronsOf(const Renderer& renderer, const SE3& pose, CameraSide side,
-                                      const Moment& moment = {}) {
+                                      const PhotoConditions& conditions = {}) {
   std::vector<float> image(static_cast<std::size_t>(renderer.width(side) * renderer.height(side)));
-  renderer.renderElectrons(pose, 0.0, side, image.data(), moment);
+  renderer.renderElectrons(pose, 0.0, side, image.data(), conditions);
   return image;
 }
 

@@ -1,4 +1,6 @@
 #include "sim/sea/renderer.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply_writer.hpp"
 
 #include <gtest/gtest.h>
 #include <oneapi/tbb/global_control.h>
@@ -6,7 +8,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -31,7 +32,7 @@ TEST(Renderer, ATexturedPointAppearsWhereTheCameraModelProjectsIt) {
     plate.texture_coordinates.emplace_back(v.y() / kSize + 0.5, v.x() / kSize + 0.5);
   writePly(terrain_config.mesh_file, plate);
   terrain_config.texture_file = folder.path() / "disc.png";
-  const Terrain terrain(terrain_config);
+  const SeaTerrain terrain(terrain_config);
   const double east = ((400 + 0.5) / kTexels - 0.5) * kSize, north = (0.5 - (640 + 0.5) / kTexels) * kSize;
 
   OpticsConfig optics = bareOptics();
@@ -66,7 +67,7 @@ TEST(Renderer, ATexturedPointAppearsWhereTheCameraModelProjectsIt) {
 TEST(Renderer, LeftAndRightShowTheSameTextureAtTheTrueDisparity) {
   TerrainConfig config = flatSeafloor();
   config.detail_contrast = 0.22;
-  const Terrain terrain(config);
+  const SeaTerrain terrain(config);
   StereoRig rig;
   rig.left = rig.right = Camera{.width = 200, .height = 120, .fx = 800, .fy = 800, .cx = 100, .cy = 60};
   rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), {-0.07, 0, 0});
@@ -110,7 +111,7 @@ TEST(Renderer, TheBytesDoNotDependOnTheNumberOfThreads) {
                                             static_cast<std::size_t>(threads));
     oneapi::tbb::task_arena arena(threads);
     return arena.execute([&] {
-      const Terrain terrain(config);
+      const SeaTerrain terrain(config);
       const Renderer renderer(terrain, OpticsConfig(), smallRig(), cameraInBody());
       return imageOf(renderer, pose, CameraSide::kLeft, 7);
     });
@@ -122,20 +123,20 @@ TEST(Renderer, TheBytesDoNotDependOnTheNumberOfThreads) {
 
 TEST(Renderer, SwayingBladesMoveAndTheSeafloorDoesNot) {
   TerrainConfig config = flatSeafloor();
-  const auto change = [](const Terrain& terrain) {
+  const auto change = [](const SeaTerrain& terrain) {
     const Renderer renderer(terrain, monoOptics(), smallRig(), cameraInBody());
     std::vector<float> early(160 * 120), late(160 * 120);
     renderer.renderElectrons(above(2.0), 0.0, CameraSide::kLeft, early.data());
     renderer.renderElectrons(above(2.0), 1.7, CameraSide::kLeft, late.data());
     return early != late;
   };
-  EXPECT_FALSE(change(Terrain(config)));
+  EXPECT_FALSE(change(SeaTerrain(config)));
   config.swaying_density_per_m2 = 8;
-  EXPECT_TRUE(change(Terrain(config)));
+  EXPECT_TRUE(change(SeaTerrain(config)));
 }
 
 TEST(Renderer, OpticsOutOfRangeAreRefusedByName) {
-  const Terrain terrain(flatSeafloor());
+  const SeaTerrain terrain(flatSeafloor());
   const auto make = [&](auto change) {
     OpticsConfig optics;
     change(optics);

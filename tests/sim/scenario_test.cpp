@@ -7,7 +7,8 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "tests/support/test_data.hpp"
@@ -108,10 +109,10 @@ TEST_F(ScenarioFile, WhatIsWrittenReadsBackAsTheSame) {
   EXPECT_EQ(scenarioToml(again), text);
   EXPECT_EQ(again.name, "quote \" and \\ and \t");
   EXPECT_EQ(again.optics.strobes.size(), 1u);
-  EXPECT_NEAR(again.plan.heading, 33.3 * std::numbers::pi / 180.0, 1e-13);
+  EXPECT_NEAR(again.plan.heading, degreesToRadians(33.3), 1e-13);
 }
 
-TEST(ShippedScenarios, EachLoadsByNameAndTellsItsOwnName) {
+TEST(ShippedScenarios, EachLoadsByItsName) {
   for (const char* name : {"reef-quick", "reef-grid", "reef-dropoff", "demo"})
     EXPECT_EQ(loadScenario(name).name, name);
 }
@@ -161,7 +162,7 @@ TEST(Ranges, StandWithTheKeysAlone) {
     EXPECT_STREQ(error.what(), "terrain.swaying_density_per_m2 must be 0 to 100");
   }
   OpticsConfig optics;
-  optics.strobes.front().half_angle_rad = degrees(3);
+  optics.strobes.front().half_angle_rad = degreesToRadians(3);
   EXPECT_THROW(validate(optics), std::invalid_argument);
   optics = {};
   optics.sensor.read_noise_electrons = std::nan("");

@@ -5,18 +5,19 @@
 
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "sim/score/alignment.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/truth_surface.hpp"
-#include "tests/sim/bumpy_seafloor.hpp"
+#include "tests/sim/synthetic_seafloor.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
@@ -45,7 +46,7 @@ class ScoreTest : public ::testing::Test {
     rig.T_right_left = SE3::fromEuler(0, 0, 0, {-0.07, 0, 0});
     writeStereoCalib(root() / "stereo.calib", rig);
     std::filesystem::create_directories(root() / "truth");
-    writePly(root() / "truth" / "terrain.ply", bumpySeafloor());
+    writePly(root() / "truth" / "terrain.ply", syntheticSeafloor());
     std::vector<io::TrajectoryPoint> track;
     for (int i = -100; i <= 2100; ++i) track.push_back({kStart + i * 20'000'000LL, truePose(i * 0.02)});
     io::writeTrajectory(root() / "truth" / "trajectory.csv", track);
@@ -56,17 +57,17 @@ class ScoreTest : public ::testing::Test {
   }
   const std::filesystem::path& root() const { return folder_.path(); }
 
-  // Estimated poses of all images, moved by T_nav_estimate; image `i` with its own further error.
-  void writePoses(const std::string& program, const SE3& moved,
-                  const std::function<Eigen::Vector3d(int)>& error = nullptr) {
+  SE3 trueCamera(int image) const { return truePose(image * 0.5) * config_.T_body_cam; }
+  // Estimated poses of all images in the frame of `origin`.
+  void writePoses(const std::string& program, const Geodetic& origin,
+                  const std::function<SE3(int)>& cameraOf) {
     io::StereoPoseFile file;
-    file.origin = config_.origin;
+    file.origin = origin;
     for (int i = 0; i <= 80; ++i) {
       io::StereoPose pose;
       pose.id = i;
       pose.utc_s = static_cast<double>(kStart) * 1e-9 + i * 0.5;
-      pose.T_nav_cam = moved * truePose(i * 0.5) * config_.T_body_cam;
-      if (error) pose.T_nav_cam = SE3(pose.T_nav_cam.rotation(), pose.T_nav_cam.translation() + error(i));
+      pose.T_nav_cam = cameraOf(i);
       pose.left_image = "L" + std::to_string(i) + ".tif";
       pose.right_image = "R" + std::to_string(i) + ".tif";
       file.poses.push_back(pose);
@@ -74,8 +75,16 @@ class ScoreTest : public ::testing::Test {
     std::filesystem::create_directories(root() / program);
     io::writeStereoPoses(root() / program / "stereo_pose_est.data", file);
   }
+  // The true poses moved by T_nav_estimate; image `i` with its own further error.
+  void writePoses(const std::string& program, const SE3& moved,
+                  const std::function<Eigen::Vector3d(int)>& error = nullptr) {
+    writePoses(program, config_.origin, [&](int i) {
+      const SE3 camera = moved * trueCamera(i);
+      return error ? SE3(camera.rotation(), camera.translation() + error(i)) : camera;
+    });
+  }
   void writeSurface(const std::string& program, const std::string& name, const SE3& moved) {
-    Mesh mesh = bumpySeafloor(0.08);
+    Mesh mesh = syntheticSeafloor(0.08);
     transform(mesh, moved);
     std::filesystem::create_directories(root() / program);
     writePly(root() / program / name, mesh);
@@ -119,7 +128,7 @@ TEST_F(ScoreTest, AKnownShiftIsTheAbsoluteErrorAndVanishesWhenAligned) {
 
 TEST_F(ScoreTest, ASurfaceWithAHoleIsIncompleteByWhatIsMissing) {
   writePoses("topside", SE3());
-  Mesh mesh = bumpySeafloor(0.08);
+  Mesh mesh = syntheticSeafloor(0.08);
   // The southern half of what there is.
   std::erase_if(mesh.triangles, [&](const auto& t) { return mesh.vertices[t[0]].x() < 0; });
   std::filesystem::create_directories(root() / "topside");
@@ -154,7 +163,7 @@ TEST_F(ScoreTest, FurtherSurfacesAreScoredFromThePipelinesAlignment) {
   EXPECT_THROW(static_cast<void>(scoreMission(root(), {root() / "absent.ply"})), InputError);
 }
 
-TEST_F(ScoreTest, ASurfaceThatLiesTooHighHasAPositiveBias) {
+TEST_F(ScoreTest, ASurfaceAboveTheTruthHasAPositiveBias) {
   const SE3 up(Eigen::Quaterniond::Identity(), {0, 0, -0.05});
   writeSurface("onboard", "map.ply", up);
   const ScoreReport report = scoreMission(root());
@@ -175,21 +184,11 @@ TEST_F(ScoreTest, DriftBetweenPassesIsTheCrossoverError) {
 }
 
 TEST_F(ScoreTest, AttitudeIsScoredAsTiltAndHeading) {
-  io::StereoPoseFile file;
-  file.origin = config_.origin;
-  for (int i = 0; i <= 80; ++i) {
-    const SE3 cam = truePose(i * 0.5) * config_.T_body_cam;
+  writePoses("topside", config_.origin, [&](int i) {
     const Eigen::Quaterniond off(Eigen::AngleAxisd(0.03, Eigen::Vector3d::UnitZ()) *
                                  Eigen::AngleAxisd(i % 2 == 0 ? 0.02 : 0.0, Eigen::Vector3d::UnitY()));
-    io::StereoPose pose;
-    pose.utc_s = static_cast<double>(kStart) * 1e-9 + i * 0.5;
-    pose.T_nav_cam = SE3(off * cam.rotation(), cam.translation());
-    pose.left_image = "L" + std::to_string(i) + ".tif";
-    pose.right_image = "R" + std::to_string(i) + ".tif";
-    file.poses.push_back(pose);
-  }
-  std::filesystem::create_directories(root() / "topside");
-  io::writeStereoPoses(root() / "topside" / "stereo_pose_est.data", file);
+    return SE3(off * trueCamera(i).rotation(), trueCamera(i).translation());
+  });
   const auto score = scoreMission(root()).topside;
   EXPECT_NEAR(*score->heading_rms_rad, 0.03, 1e-4);
   EXPECT_NEAR(*score->tilt_rms_rad, 0.02 * std::sqrt(41.0 / 81.0), 1e-4);
@@ -216,22 +215,12 @@ TEST_F(ScoreTest, PosesAreHeldAgainstTheirOwnCovariance) {
 TEST_F(ScoreTest, PosesOfAnotherOriginAreBroughtIntoTheMissionsFrame) {
   const LocalTransverseMercator here(config_.origin);
   const Geodetic other = here.toGeodetic({120.0, -80.0});
-  io::StereoPoseFile file;
-  file.origin = other;
-  for (int i = 0; i <= 80; ++i) {
-    io::StereoPose pose;
-    pose.id = i;
-    pose.utc_s = static_cast<double>(kStart) * 1e-9 + i * 0.5;
-    const SE3 cam = truePose(i * 0.5) * config_.T_body_cam;
-    Eigen::Vector3d t = cam.translation();
+  writePoses("topside", other, [&](int i) {
+    const SE3 camera = trueCamera(i);
+    Eigen::Vector3d t = camera.translation();
     t.head<2>() = LocalTransverseMercator(other).toLocal(here.toGeodetic(t.head<2>()));
-    pose.T_nav_cam = SE3(cam.rotation(), t);
-    pose.left_image = "L" + std::to_string(i) + ".tif";
-    pose.right_image = "R" + std::to_string(i) + ".tif";
-    file.poses.push_back(pose);
-  }
-  std::filesystem::create_directories(root() / "topside");
-  io::writeStereoPoses(root() / "topside" / "stereo_pose_est.data", file);
+    return SE3(camera.rotation(), t);
+  });
   EXPECT_LT(scoreMission(root()).topside->rms_m, 1e-4);
 }
 
@@ -250,7 +239,7 @@ TEST_F(ScoreTest, OdometryIsPlacedAtTheTruthAndItsDriftCounts) {
 }
 
 TEST_F(ScoreTest, HalfASurfaceCoversAboutHalfOfWhatWasSeen) {
-  Mesh mesh = bumpySeafloor();
+  Mesh mesh = syntheticSeafloor();
   std::erase_if(mesh.triangles, [&](const auto& t) { return mesh.vertices[t[0]].x() > 0.4F; });
   std::filesystem::create_directories(root() / "onboard");
   writePly(root() / "onboard" / "map.ply", mesh);
@@ -288,7 +277,7 @@ TEST_F(ScoreTest, DamagedAndAbsentFilesAreRefusedInOneLine) {
 }
 
 TEST(TruthSurface, FindsTheNearestPointOfAllTriangles) {
-  const Mesh mesh = bumpySeafloor(0.5);
+  const Mesh mesh = syntheticSeafloor(0.5);
   const TruthSurface surface(mesh);
   for (const Eigen::Vector3d& from : {Eigen::Vector3d(0.3, 0.2, 9.0), Eigen::Vector3d(9, 9, 9),
                                       Eigen::Vector3d(-1.7, 2.2, 10.6), Eigen::Vector3d(0, 0, 50)}) {

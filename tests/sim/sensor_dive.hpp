@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 #include <optional>
 
 #include "sim/sensors/sensors.hpp"
@@ -11,7 +10,6 @@
 
 namespace fathom::sim {
 
-inline constexpr double kDegree = std::numbers::pi / 180.0;
 inline constexpr double kSeafloor = 12.0;  // depth of the flat test seafloor [m]
 
 inline std::optional<double> castFlat(const Eigen::Vector3d& from, const Eigen::Vector3d& direction) {

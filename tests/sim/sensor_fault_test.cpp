@@ -1,9 +1,10 @@
-// Faults and habits of the sensors beyond their data sheets.
+// Faults and errors of the sensors beyond their data sheets.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/base/units.hpp"
 #include "tests/sim/sensor_dive.hpp"
 
 namespace fathom::sim {
@@ -18,7 +19,7 @@ std::vector<Sample> samplesOf(const LoggedSamples& logged) {
 
 class SensorFault : public SensorTest {
  protected:
-  std::vector<DvlSample> dvl(const DvlConfig& config) const {
+  std::vector<DvlSample> dvl(const SimulatedDvlConfig& config) const {
     SensorsConfig sensors;
     sensors.dvl = config;
     LoggedSamples logged;
@@ -44,7 +45,7 @@ class SensorFault : public SensorTest {
 };
 
 TEST_F(SensorFault, ADeadBeamLeavesThreeAndTheVelocity) {
-  DvlConfig config;
+  SimulatedDvlConfig config;
   config.dropout_probability = 0;
   const auto healthy = dvl(config);
   config.dead_beam = 3;
@@ -58,7 +59,7 @@ TEST_F(SensorFault, ADeadBeamLeavesThreeAndTheVelocity) {
 }
 
 TEST_F(SensorFault, FishShortenBeamsByThemselves) {
-  DvlConfig config;
+  SimulatedDvlConfig config;
   const auto healthy = dvl(config);
   config.fish_probability = 0.1;
   const auto faulty = dvl(config);
@@ -73,8 +74,8 @@ TEST_F(SensorFault, FishShortenBeamsByThemselves) {
   EXPECT_NEAR(static_cast<double>(shorter) / all, 0.1, 0.015);
 }
 
-TEST_F(SensorFault, AFalseBottomIsHalfWayDownAndDriftsWithTheWater) {
-  DvlConfig config;
+TEST_F(SensorFault, AFalseBottomIsAtHalfTheRangeAndDriftsWithTheWater) {
+  SimulatedDvlConfig config;
   config.dropout_probability = 0;
   const auto healthy = dvl(config);
   config.current_north_mps = 0.3;
@@ -98,7 +99,7 @@ TEST_F(SensorFault, AFalseBottomIsHalfWayDownAndDriftsWithTheWater) {
 }
 
 TEST_F(SensorFault, BubblesAndSteepGroundTakeTheLock) {
-  DvlConfig config;
+  SimulatedDvlConfig config;
   config.dropout_probability = 0;
   config.bubble_depth_m = 5;
   for (const DvlSample& s : dvl(config))
@@ -106,7 +107,7 @@ TEST_F(SensorFault, BubblesAndSteepGroundTakeTheLock) {
       EXPECT_FALSE(s.velocity);
     }
   config.bubble_depth_m = 0;
-  config.steepest = 31 * kDegree;  // beams stand 30 degrees off; the hull rolls
+  config.steepest = 31 * kRadiansPerDegree;  // beams stand 30 degrees off; the hull rolls
   const auto lost = dvl(config);
   const auto beams = [](const std::vector<DvlSample>& all) {
     int n = 0;
@@ -114,15 +115,15 @@ TEST_F(SensorFault, BubblesAndSteepGroundTakeTheLock) {
       for (const auto& range : s.range) n += range ? 1 : 0;
     return n;
   };
-  config.steepest = 60 * kDegree;
+  config.steepest = 60 * kRadiansPerDegree;
   const auto kept = dvl(config);
   EXPECT_LT(beams(lost), 0.9 * beams(kept));
-  config.steepest = 90 * kDegree;
+  config.steepest = 90 * kRadiansPerDegree;
   EXPECT_EQ(beams(dvl(config)), beams(kept));
 }
 
 TEST_F(SensorFault, DvlNoiseGrowsWithTheAltitude) {
-  DvlConfig config;
+  SimulatedDvlConfig config;
   config.dropout_probability = 0;
   config.velocity_sigma_mps = 0;
   const auto exact = dvl(config);
@@ -137,7 +138,7 @@ TEST_F(SensorFault, DvlNoiseGrowsWithTheAltitude) {
 TEST_F(SensorFault, SoftIronTurnsTwiceOverACircle) {
   CompassConfig config;
   const auto hard = compass(config);
-  config.soft_iron = 5 * kDegree;
+  config.soft_iron = 5 * kRadiansPerDegree;
   const auto soft = compass(config);
   // Added to the heading: A sin(2 h + phase), whatever the phase.
   Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
@@ -153,7 +154,7 @@ TEST_F(SensorFault, SoftIronTurnsTwiceOverACircle) {
   }
   const Eigen::Vector2d found = normal.inverse() * rhs;
   for (const auto& [row, turned] : rows) rest = std::max(rest, std::abs(row.dot(found) - turned));
-  EXPECT_NEAR(found.norm(), 5 * kDegree, 1e-6);
+  EXPECT_NEAR(found.norm(), 5 * kRadiansPerDegree, 1e-6);
   EXPECT_LT(rest, 1e-6);
 }
 
@@ -190,7 +191,7 @@ TEST_F(SensorFault, AccelerationIsTakenForTilt) {
     EXPECT_NEAR(fooled[k].roll - still[k].roll, -acceleration.y() / 9.81, 1e-9);
     largest = std::max(largest, std::abs(fooled[k].pitch - still[k].pitch));
   }
-  EXPECT_GT(largest, 0.5 * kDegree);
+  EXPECT_GT(largest, 0.5 * kRadiansPerDegree);
 }
 
 TEST_F(SensorFault, UsblErrorsOfTheShipAndTheWater) {
@@ -220,8 +221,8 @@ TEST_F(SensorFault, UsblErrorsOfTheShipAndTheWater) {
   EXPECT_GE(echoes, 5);
   EXPECT_GE(wrong, 4);
   UsblConfig bent = exact, turning = exact, far = exact;
-  bent.bending = 2 * kDegree;
-  turning.heading_wobble = 3 * kDegree;
+  bent.bending = 2 * kRadiansPerDegree;
+  turning.heading_wobble = 3 * kRadiansPerDegree;
   far.range_sigma_per_m = 0.02;
   Statistics bearing, range;
   const Eigen::Vector2d ship(exact.ship_north_m, exact.ship_east_m);
@@ -234,7 +235,7 @@ TEST_F(SensorFault, UsblErrorsOfTheShipAndTheWater) {
     bearing.add(wrapAngle(std::atan2(seen.y(), seen.x()) - std::atan2(truly.y(), truly.x())));
     EXPECT_NEAR(seen.norm(), truly.norm(), 0.01);
   }
-  EXPECT_NEAR(std::hypot(bearing.sigma(), bearing.mean()), 3 * kDegree, 2 * kDegree);
+  EXPECT_NEAR(std::hypot(bearing.sigma(), bearing.mean()), 3 * kRadiansPerDegree, 2 * kRadiansPerDegree);
   for (const UsblFix& fix : usbl(far))
     range.add(((placeOf(fix) - ship).norm() / (truePlace(fix) - ship).norm() - 1));
   EXPECT_NEAR(range.sigma(), 0.02, 0.01);
@@ -270,7 +271,7 @@ TEST_F(SensorFault, SamplesComeLateInBatchesWithStampsThatJitter) {
 TEST_F(SensorFault, UsblBearingHasItsNoise) {
   UsblConfig config;
   config.range_sigma_m = config.outlier_probability = 0;
-  config.angle_sigma = 1 * kDegree;
+  config.angle_sigma = 1 * kRadiansPerDegree;
   config.period_s = 1;
   Statistics bearing;
   const Eigen::Vector2d ship(config.ship_north_m, config.ship_east_m);
@@ -278,8 +279,8 @@ TEST_F(SensorFault, UsblBearingHasItsNoise) {
     const Eigen::Vector2d seen = placeOf(fix) - ship, truly = truePlace(fix) - ship;
     bearing.add(wrapAngle(std::atan2(seen.y(), seen.x()) - std::atan2(truly.y(), truly.x())));
   }
-  EXPECT_NEAR(bearing.sigma(), 1 * kDegree, 0.15 * kDegree);
-  EXPECT_NEAR(bearing.mean(), 0, 0.25 * kDegree);
+  EXPECT_NEAR(bearing.sigma(), 1 * kRadiansPerDegree, 0.15 * kRadiansPerDegree);
+  EXPECT_NEAR(bearing.mean(), 0, 0.25 * kRadiansPerDegree);
 }
 
 TEST_F(SensorFault, GpsIsWhereTheVehicleIsInTheMean) {

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "sim/sensors/water_properties.hpp"
 #include "tests/sim/sensor_dive.hpp"
 
 namespace fathom::sim {

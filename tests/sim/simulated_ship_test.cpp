@@ -1,4 +1,5 @@
 #include "sim/link/simulated_ship.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/packet_log.hpp"
@@ -17,7 +18,6 @@ namespace fathom::sim {
 namespace {
 
 constexpr telemetry::LinkIdentity kIdentity{3, 17};
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 using Bytes = std::vector<std::uint8_t>;
 
@@ -33,7 +33,7 @@ Bytes uplink(int sequence, bool turn) {
   return frame;
 }
 
-std::vector<telemetry::Packet> heardIn(const std::filesystem::path& file) {
+std::vector<telemetry::Packet> packetsIn(const std::filesystem::path& file) {
   telemetry::PacketLogReader reader(file);
   std::vector<telemetry::Packet> packets;
   while (auto packet = reader.next()) packets.push_back(std::move(*packet));
@@ -42,7 +42,7 @@ std::vector<telemetry::Packet> heardIn(const std::filesystem::path& file) {
 
 // A vehicle that sends a frame every two seconds and listens after every tenth.
 struct Dive {
-  std::vector<telemetry::Packet> heard;
+  std::vector<telemetry::Packet> received;
   std::vector<telemetry::Acknowledgement> acknowledgements;
   std::vector<telemetry::UsblFixMessage> fixes;  // as the vehicle got them
   SimulatedShip::Summary summary;
@@ -72,7 +72,7 @@ Dive dive(const SimulatedShipOptions& options, int frames, bool fixes = false) {
   }
   ship.advance(kStart_ns + 1'000'000 * kSecond_ns);
   ship.finish();
-  result.heard = heardIn(folder.path() / "heard.bin");
+  result.received = packetsIn(folder.path() / "heard.bin");
   result.summary = ship.summary();
   return result;
 }
@@ -83,20 +83,21 @@ SimulatedShipOptions clear() {
   return options;
 }
 
-TEST(SimulatedShip, HearsAfterTransmissionAndDelayAndAnswersEveryTurn) {
+TEST(SimulatedShip, ReceivesAfterTransmissionAndDelayAndAnswersEveryTurn) {
   const Dive d = dive(clear(), 100);
   EXPECT_EQ(d.summary.sent, 100u);
-  EXPECT_GE(d.heard.size(), 97u);  // a few are damaged beyond their CRC, but heard
-  // 32 bytes at 300 bit/s, and a second on the way.
-  EXPECT_NEAR(static_cast<double>(d.heard.front().utc_ns - kStart_ns), (32 * 8 / 300.0 + 1) * 1e9, 1e6);
-  for (std::size_t i = 1; i < d.heard.size(); ++i) EXPECT_GE(d.heard[i].utc_ns, d.heard[i - 1].utc_ns);
+  EXPECT_GE(d.received.size(), 97u);  // a few are damaged beyond their CRC, but received
+  // 32 bytes at 300 bit/s, and a second of travel.
+  EXPECT_NEAR(static_cast<double>(d.received.front().utc_ns - kStart_ns), (32 * 8 / 300.0 + 1) * 1e9, 1e6);
+  for (std::size_t i = 1; i < d.received.size(); ++i)
+    EXPECT_GE(d.received[i].utc_ns, d.received[i - 1].utc_ns);
   EXPECT_GE(d.summary.answers, 8u);
   EXPECT_EQ(d.summary.collided, 0u);
   ASSERT_GE(d.acknowledgements.size(), 8u);
   EXPECT_EQ(d.acknowledgements.front().newest, 9);
 }
 
-TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
+TEST(SimulatedShip, AcknowledgesExactlyTheReceivedFrames) {
   SimulatedShipOptions options = clear();
   options.loss = 0.3;
   options.mean_burst = 5;
@@ -104,21 +105,21 @@ TEST(SimulatedShip, WhatIsAcknowledgedIsExactlyWhatWasHeard) {
   const Dive d = dive(options, 300);
   EXPECT_NEAR(d.summary.loss, 0.3, 0.12);
   ASSERT_FALSE(d.acknowledgements.empty());
-  std::vector<bool> heard(300);
-  for (const telemetry::Packet& p : d.heard) {
+  std::vector<bool> received(300);
+  for (const telemetry::Packet& p : d.received) {
     const auto frame = telemetry::decodeFrame(p.bytes);
-    if (frame.verdict == telemetry::FrameVerdict::kAccepted) heard[frame.header.sequence()] = true;
+    if (frame.verdict == telemetry::FrameVerdict::kAccepted) received[frame.header.sequence()] = true;
   }
-  int lost = 0, told = 0;
+  int lost = 0, covered = 0;
   const telemetry::Acknowledgement& last = d.acknowledgements.back();
   for (int s = 0; s <= last.newest; ++s) {
-    const auto word = last.heard(static_cast<std::uint16_t>(s));
+    const auto word = last.received(static_cast<std::uint16_t>(s));
     if (!word) continue;
-    ++told;
+    ++covered;
     lost += !*word;
-    EXPECT_EQ(*word, heard[static_cast<std::size_t>(s)]) << s;
+    EXPECT_EQ(*word, received[static_cast<std::size_t>(s)]) << s;
   }
-  EXPECT_GE(told, 30);  // at least the frames of three turns
+  EXPECT_GE(covered, 30);  // at least the frames of three turns
   EXPECT_GT(lost, 0);
 }
 
@@ -128,7 +129,7 @@ TEST(SimulatedShip, EveryFixIsSaidOnceInOrderAndReachesTheVehicleWithItsOwnTime)
   options.frame_bytes = 64;                // room for an acknowledgement beside the fix
   const Dive d = dive(options, 80, true);  // seven turns or eight of the ship
   ASSERT_GE(d.fixes.size(), 5u);
-  EXPECT_EQ(d.fixes.size(), d.summary.fixes_said);
+  EXPECT_EQ(d.fixes.size(), d.summary.fixes_sent);
   for (std::size_t i = 0; i < d.fixes.size(); ++i) {
     const auto tick = static_cast<double>(7 * i);
     EXPECT_NEAR(static_cast<double>(d.fixes[i].utc_ns - kStart_ns), 1e9 * tick, 1e7);
@@ -140,17 +141,17 @@ TEST(SimulatedShip, TheSameSeedIsTheSameDive) {
   SimulatedShipOptions options = clear();
   options.loss = 0.4;
   const Dive a = dive(options, 60), b = dive(options, 60);
-  ASSERT_EQ(a.heard.size(), b.heard.size());
-  for (std::size_t i = 0; i < a.heard.size(); ++i) EXPECT_EQ(a.heard[i].bytes, b.heard[i].bytes);
+  ASSERT_EQ(a.received.size(), b.received.size());
+  for (std::size_t i = 0; i < a.received.size(); ++i) EXPECT_EQ(a.received[i].bytes, b.received[i].bytes);
 }
 
-TEST(SimulatedShip, AComputerThatIsOffHearsNothingAndIsBackAfterwards) {
+TEST(SimulatedShip, AComputerThatIsOffReceivesNothingAndResumesAfterwards) {
   SimulatedShipOptions options = clear();
   options.off_from_s = 60;
   options.off_to_s = 360;
   const Dive d = dive(options, 200);
   int during = 0, after = 0;
-  for (const telemetry::Packet& p : d.heard) {
+  for (const telemetry::Packet& p : d.received) {
     const double t = static_cast<double>(p.utc_ns - kStart_ns) / 1e9;
     during += t >= 60 && t < 360;
     after += t >= 360;
@@ -161,7 +162,7 @@ TEST(SimulatedShip, AComputerThatIsOffHearsNothingAndIsBackAfterwards) {
   ASSERT_GT(d.acknowledgements.size(), 5U);
   const auto last = std::span(d.acknowledgements).last(5);
   EXPECT_TRUE(std::any_of(last.begin(), last.end(), [](const telemetry::Acknowledgement& a) {
-    return a.heard(static_cast<std::uint16_t>(a.newest - 1)) == true;
+    return a.received(static_cast<std::uint16_t>(a.newest - 1)) == true;
   }));
   EXPECT_TRUE(std::any_of(last.begin(), last.end(), [](const telemetry::Acknowledgement& a) {
     return a.lacking == telemetry::Acknowledgement::kAll;

@@ -1,4 +1,4 @@
-#include "sim/sea/terrain.hpp"
+#include "sim/sea/sea_terrain.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
@@ -36,7 +36,7 @@ TerrainConfig reefConfig() {
 }
 
 TEST(Terrain, RaysMeetAFlatSeafloorAtTheAnalyticDistance) {
-  const Terrain terrain(flatConfig());
+  const SeaTerrain terrain(flatConfig());
   EXPECT_NEAR(terrain.depthAt(0.3, -1.2).value(), 20.0, 1e-5);
   const Eigen::Vector3d origin(0.5, 0.25, 17.0), direction(0.3, -0.2, 2.0);
   const double expected = 3.0 / direction.normalized().z();
@@ -45,8 +45,8 @@ TEST(Terrain, RaysMeetAFlatSeafloorAtTheAnalyticDistance) {
   EXPECT_FALSE(terrain.depthAt(10.0, 0.0).has_value());
 }
 
-TEST(Terrain, NoRaySlipsThroughVerticesOrEdges) {
-  const Terrain terrain(flatConfig());
+TEST(Terrain, NoRayPassesThroughVerticesOrEdges) {
+  const SeaTerrain terrain(flatConfig());
   for (int i = -50; i <= 50; ++i)
     for (int j = -50; j <= 50; ++j)
       ASSERT_NEAR(terrain.castRay({0, 0, 18}, {i * 0.05, j * 0.05, 2}).value_or(-1),
@@ -59,7 +59,7 @@ TEST(Terrain, RipplesHaveTheirHeightAndWavelength) {
   config.size_north_m = 8.0;
   config.size_east_m = 1.0;
   config.ripples = {0.25, 0.06, 0.0};
-  const Terrain terrain(config);
+  const SeaTerrain terrain(config);
   double lowest = 0, highest = 100;
   int crossings = 0;
   bool was_above = false;
@@ -78,7 +78,7 @@ TEST(Terrain, ADropOffFallsByItsHeightAndItsLipOverhangs) {
   TerrainConfig config = flatConfig();
   config.size_north_m = config.size_east_m = 10.0;
   config.ledges = {{0.0, 0.0, std::numbers::pi / 2, 3.0, 0.5, 0.6}};
-  const Terrain terrain(config);
+  const SeaTerrain terrain(config);
   for (double north : {-4.0, 0.0, 4.0}) {
     EXPECT_NEAR(terrain.depthAt(north, -4.0).value(), 20.0, 0.05);
     EXPECT_NEAR(terrain.depthAt(north, 4.0).value(), 23.0, 0.05);
@@ -94,7 +94,7 @@ TEST(Terrain, ADropOffFallsByItsHeightAndItsLipOverhangs) {
 }
 
 TEST(Terrain, ItsMeshIsTheSurfaceThatRaysHit) {
-  const Terrain terrain(reefConfig());
+  const SeaTerrain terrain(reefConfig());
   const Mesh mesh = terrain.mesh();
   ASSERT_EQ(mesh.colours.size(), mesh.vertices.size());
   int seen = 0, agree = 0, from_above = 0, facing_up = 0;
@@ -114,7 +114,7 @@ TEST(Terrain, ItsMeshIsTheSurfaceThatRaysHit) {
     facing_up += on_top && normal.z() < 0;
   }
   ASSERT_GT(seen, 3000);
-  EXPECT_GT(agree, 0.85 * seen);  // the rest lies behind a neighbour, in the corals' grooves
+  EXPECT_GT(agree, 0.85 * seen);  // others are hidden in the corals' grooves
   ASSERT_GT(from_above, 3000);
   EXPECT_EQ(facing_up, from_above);
 }
@@ -122,7 +122,7 @@ TEST(Terrain, ItsMeshIsTheSurfaceThatRaysHit) {
 TEST(Terrain, CoralHeadsOverhangTheSeafloor) {
   TerrainConfig config = flatConfig();
   config.corals = {0.5, 0.5, 0.8, 0.5};
-  const Terrain terrain(config);
+  const SeaTerrain terrain(config);
   int overhung = 0;
   for (double north = -2.5; north < 2.5; north += 0.05)
     for (double east = -2.5; east < 2.5; east += 0.05)
@@ -133,13 +133,13 @@ TEST(Terrain, CoralHeadsOverhangTheSeafloor) {
 
 TEST(Terrain, TheSameSeedGivesTheSameSurfaceAndAnotherSeedAnother) {
   TerrainConfig config = reefConfig();
-  const Mesh once = Terrain(config).mesh();
-  const Mesh again = Terrain(config).mesh();
+  const Mesh once = SeaTerrain(config).mesh();
+  const Mesh again = SeaTerrain(config).mesh();
   EXPECT_EQ(once.vertices, again.vertices);
   EXPECT_EQ(once.colours, again.colours);
   EXPECT_EQ(once.triangles, again.triangles);
   config.seed = 2;
-  EXPECT_NE(once.vertices, Terrain(config).mesh().vertices);
+  EXPECT_NE(once.vertices, SeaTerrain(config).mesh().vertices);
 }
 
 TEST(Terrain, AMeshFileIsCentredWhereTheConfigurationSays) {
@@ -149,7 +149,7 @@ TEST(Terrain, AMeshFileIsCentredWhereTheConfigurationSays) {
   config.mesh_file = test::dataFile("pavlopetri/chamber3.ply");
   config.centre_north_m = 100.0;
   config.base_depth_m = 4.0;
-  const Terrain terrain(config);
+  const SeaTerrain terrain(config);
   const Eigen::Vector3d size = terrain.upper() - terrain.lower();
   EXPECT_NEAR(size.z(), 2.44, 0.02);
   EXPECT_NEAR(0.5 * (terrain.upper() + terrain.lower()).x(), 100.0, 0.01);
@@ -171,7 +171,7 @@ TEST(Terrain, ItsMeshHasTheTexturesColoursBetweenTheCorners) {
   cv::Mat halves(64, 64, CV_8UC3, cv::Scalar(40, 40, 40));
   halves.colRange(8, 56).setTo(cv::Scalar(200, 200, 200));
   cv::imwrite(config.texture_file.string(), halves);
-  const Mesh mesh = Terrain(config).mesh();
+  const Mesh mesh = SeaTerrain(config).mesh();
   ASSERT_EQ(mesh.colours.size(), mesh.vertices.size());
   const float north = mesh.vertices[0].x();  // of the corner at s = 0
   int right = 0, seen = 0;
@@ -191,29 +191,29 @@ TEST(Terrain, BadMeshesTexturesAndNumbersAreRefusedWithTheirName) {
   TerrainConfig config;
   config.kind = TerrainKind::kMesh;
   config.mesh_file = folder / "absent.ply";
-  EXPECT_THROW(Terrain{config}, InputError);
+  EXPECT_THROW(SeaTerrain{config}, InputError);
   std::ofstream(folder / "points.ply")
       << "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float "
          "y\nproperty float z\nend_header\n0 0 0\n";
   config.mesh_file = folder / "points.ply";
-  EXPECT_THROW(Terrain{config}, InputError);
+  EXPECT_THROW(SeaTerrain{config}, InputError);
   Mesh triangle;
   triangle.vertices = {{0, 0, 0}, {0, 1, 0}, {1, 0, 0}};
   triangle.triangles = {{0, 1, 2}};
   writePly(folder / "good.ply", triangle);
   config.mesh_file = folder / "good.ply";
-  EXPECT_NO_THROW(Terrain{config});
+  EXPECT_NO_THROW(SeaTerrain{config});
   config.texture_file = folder / "good.ply";
-  EXPECT_THROW(Terrain{config}, InputError);
+  EXPECT_THROW(SeaTerrain{config}, InputError);
   triangle.texture_coordinates = {{0, 0}, {0, 1}, {1, 0}};
   writePly(folder / "good.ply", triangle);
-  EXPECT_THROW(Terrain{config}, InputError);  // the texture is no image
+  EXPECT_THROW(SeaTerrain{config}, InputError);  // the texture is no image
   TerrainConfig wild;
   wild.grid_spacing_m = std::nan("");
-  EXPECT_THROW(Terrain{wild}, std::invalid_argument);
+  EXPECT_THROW(SeaTerrain{wild}, std::invalid_argument);
   wild = TerrainConfig();
   wild.corals.overhang = 2.0;
-  EXPECT_THROW(Terrain{wild}, std::invalid_argument);
+  EXPECT_THROW(SeaTerrain{wild}, std::invalid_argument);
 }
 
 }  // namespace

@@ -1,9 +1,9 @@
 #include "sim/vehicle/vehicle.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
 #include "recon/geometry/se3.hpp"
 #include "sim/vehicle/dubins.hpp"
@@ -131,7 +131,7 @@ TEST(Vehicle, ComesDownSlowlyBehindALedgeSoThatTheAltitudeReachesSixMetres) {
   }
   EXPECT_GT(highest, 5.7);
   EXPECT_LT(highest, 6.4);
-  EXPECT_GT(lowest, 0.9) << "the vehicle must not come near the wall on its way back";
+  EXPECT_GT(lowest, 0.9) << "the vehicle must not come near the wall on the return line";
   EXPECT_GT(last_high - t.surveyBegin(), 25.0);
 }
 
@@ -172,7 +172,7 @@ TEST(Vehicle, HoversIsThrownAsideAndPitchesAsItClimbs) {
   EXPECT_LT(hovers.at(at + 15).velocity_nav.head<2>().norm(), 0.06) << "it wanders";
   EXPECT_GT(hovers.duration(), plain.duration() + 19);
   config.hovers.clear();
-  config.collisions = {{at, 0.3, 15 * std::numbers::pi / 180, 3}};
+  config.collisions = {{at, 0.3, degreesToRadians(15), 3}};
   const Trajectory hit = simulateVehicle(smallPlan(), config, flat, 9);
   double farthest = 0, turned = 0;
   for (double t = at - 1; t < at + 20; t += 0.1) {
@@ -180,7 +180,7 @@ TEST(Vehicle, HoversIsThrownAsideAndPitchesAsItClimbs) {
     turned = std::max(turned, hit.poseAt(t).rotation().angularDistance(plain.poseAt(t).rotation()));
   }
   EXPECT_NEAR(farthest, 0.3 * 0.8, 0.03);  // it comes back while it is thrown
-  EXPECT_NEAR(turned, 0.8 * 15 * std::numbers::pi / 180, 0.03);
+  EXPECT_NEAR(turned, 0.8 * degreesToRadians(15), 0.03);
   EXPECT_LT((hit.poseAt(at + 20).translation() - plain.poseAt(at + 20).translation()).norm(), 0.001);
   config.collisions.clear();
   config.climb_pitch = 1;
@@ -190,7 +190,7 @@ TEST(Vehicle, HoversIsThrownAsideAndPitchesAsItClimbs) {
   double steepest = 0;
   for (double t = climbs.surveyBegin(); t < climbs.surveyEnd(); t += 0.1)
     steepest = std::max(steepest, climbs.poseAt(t).euler().y());
-  EXPECT_GT(steepest, 10 * std::numbers::pi / 180);
+  EXPECT_GT(steepest, degreesToRadians(10));
 }
 
 TEST(Trajectory, VelocityAndRatesAreTheDerivativesOfThePose) {

@@ -26,7 +26,7 @@ bool insideCircle(const Point& a, const Point& b, const Point& c, const Point& p
          0;
 }
 
-// No point in a circumcircle, each inner edge in two triangles turning opposite ways, area as given.
+// No point in a circumcircle, each inner edge in two triangles of opposite direction, area as given.
 void expectDelaunay(const std::vector<Point>& points, const std::vector<Triangle>& triangles, double area) {
   std::int64_t sum = 0;
   std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;

@@ -17,7 +17,7 @@ using test::croppedRig;
 using test::Sheet;
 using test::SyntheticScene;
 
-constexpr int kWidth = 640, kHeight = 480;  // [px]
+constexpr int kDenseWidth = 640, kDenseHeight = 480;  // [px]
 
 SparseStereoConfig wanted(int points) {
   SparseStereoConfig limits;
@@ -39,7 +39,7 @@ std::vector<double> depthErrors(const SyntheticScene& scene, const StereoResult&
 TEST(DenseStereo, ARollingFloorComesOutWhereItIsWithTheStatedUncertainty) {
   const Sheet floor{
       [](double x, double y) { return 2.0 + 0.2 * x + 0.04 * std::sin(9 * x) * std::cos(7 * y); }};
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {floor});
+  const SyntheticScene scene(croppedRig(kDenseWidth, kDenseHeight), {floor});
   const auto [left, right] = scene.render({1.0, 0.0, 2.0}, {0.9, 6.0, 2.0});
   DenseStereo stereo(scene.rig(), wanted(1500), {});
   const StereoResult& result = stereo.process(left.view(), right.view(), {});
@@ -67,7 +67,7 @@ TEST(DenseStereo, NoTriangleSpansTheStepOfABlock) {
   const Sheet floor{[](double, double) { return 2.0; }};
   const Sheet top{[](double, double) { return 1.6; },
                   [](double x, double y) { return std::abs(x) < 0.12 && std::abs(y) < 0.1; }};
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {floor, top});
+  const SyntheticScene scene(croppedRig(kDenseWidth, kDenseHeight), {floor, top});
   const auto [left, right] = scene.render({}, {});
   SparseStereoConfig limits = wanted(2000);
   limits.search_radius = 40;   // 1.6 m is 15 px from the plane at 2 m
@@ -88,7 +88,7 @@ TEST(DenseStereo, NoTriangleSpansTheStepOfABlock) {
 }
 
 TEST(DenseStereo, UnusableInputGivesAnEmptyResultAndUnusableRigsAreRefused) {
-  const StereoRig rig = croppedRig(kWidth, kHeight);
+  const StereoRig rig = croppedRig(kDenseWidth, kDenseHeight);
   DenseStereo stereo(rig, {}, {});
   EXPECT_TRUE(stereo.process({}, {}, {}).points.empty());
   StereoRig swapped = rig;

@@ -16,8 +16,8 @@ using test::croppedRig;
 using test::Sheet;
 using test::SyntheticScene;
 
-constexpr int kWidth = 800, kHeight = 600;  // [px]
-constexpr double kFloor = 2.0;              // [m]
+constexpr int kFishWidth = 800, kFishHeight = 600;  // [px]
+constexpr double kFloor = 2.0;                      // [m]
 
 // Results with fish dropped and with fish kept.
 struct Results {
@@ -25,7 +25,7 @@ struct Results {
 };
 
 Results resultsOf(const std::vector<Sheet>& sheets) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), sheets);
+  const SyntheticScene scene(croppedRig(kFishWidth, kFishHeight), sheets);
   const auto [left, right] = scene.render({1.0, 0.0, 2.0}, {0.8, 12.0, 3.0});
   SparseStereoConfig config;
   config.max_features = 600;  // a corner every 4 cm, as 800 give on a full image at 2.6 m
@@ -40,8 +40,8 @@ std::size_t nearer(const StereoResult& result, double depth) {
                     [&](const StereoPoint& p) { return static_cast<double>(p.point.z()) < depth; }));
 }
 
-// Ground that is not flat, and a fish that is: a spindle seen from above, its back rounded by a third of its
-// width.
+// Ground that is not flat, and a fish that is: a spindle seen from above, its back rounded by a third of
+// its width.
 Sheet floorSheet() {
   return {[](double x, double y) { return kFloor + 0.1 * x + 0.02 * std::sin(20 * y); }};
 }
@@ -168,7 +168,7 @@ void addSnow(const StereoRig& rig, const Snow& snow, test::GrayImage& left, test
   for (int k = 0; k < snow.specks; ++k) {
     // Evenly over the volume that a camera sees.
     const double z = (kFloor - 0.1) * std::cbrt(std::max(0.01, unit(random)));
-    const Eigen::Vector2d pixel(kWidth * unit(random), kHeight * unit(random));
+    const Eigen::Vector2d pixel(kFishWidth * unit(random), kFishHeight * unit(random));
     const double sigma = 0.8 + 0.9 / z, bright = (30 + 120 * unit(random)) / (z * z);
     const bool both = unit(random) < snow.shared, in_left = both || unit(random) < 0.5;
     if (in_left) addSpeck(left, pixel, sigma, bright);
@@ -182,7 +182,7 @@ void addSnow(const StereoRig& rig, const Snow& snow, test::GrayImage& left, test
 class SnowOf : public testing::TestWithParam<Snow> {};
 
 TEST_P(SnowOf, DoesNotBecomePoints) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {floorSheet()});
+  const SyntheticScene scene(croppedRig(kFishWidth, kFishHeight), {floorSheet()});
   auto [left, right] = scene.render({1.0, 0.0, 2.0}, {0.8, 12.0, 3.0});
   SparseStereoConfig config;
   config.max_features = 600;

@@ -28,7 +28,7 @@ TEST(HarrisCorners, CornersOfAChessboardAreFoundWhereItsSquaresMeet) {
   HarrisCorners harris(96, 200, fastestKernels());
   const auto& corners = harris.find(level, {0, 0, 96, 80}, 4, 200);
   EXPECT_EQ(corners.size(), 11U * 9U);
-  // Squares meet half way between the pixels 7 and 8. Windows whose centre is up to 1.5 px away hold the same
+  // Squares meet in the middle between the pixels 7 and 8. Windows centred up to 1.5 px away hold the same
   // gradients, so that the measure is the same there.
   for (const Corner& c : corners) {
     EXPECT_LE(std::abs((c.x + 4) % 8 - 3.5), 1.5) << c.x;

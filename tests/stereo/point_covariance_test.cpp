@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "recon/geometry/symmetric_eigen.hpp"
-#include "recon/stereo/match_noise.hpp"
+#include "recon/stereo/match_points.hpp"
 #include "recon/stereo/midpoint_triangulation.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "tests/stereo/synthetic_scene.hpp"
@@ -53,14 +53,14 @@ std::vector<Normalised> errorsOf(const Exposure& left_exposure, const Exposure& 
 
 class SigmaZ : public testing::TestWithParam<std::pair<Exposure, Exposure>> {};
 
-TEST_P(SigmaZ, IsHonestWithinAFifthAndSoIsEveryThirdOfThePointsRankedByIt) {
+TEST_P(SigmaZ, MatchesTheErrorsWithinAFifthInEveryThirdOfThePointsRankedByIt) {
   const auto errors = errorsOf(GetParam().first, GetParam().second);
   const std::size_t n = errors.size();
   ASSERT_GE(n, 900U);
   EXPECT_NEAR(rms(errors, 0, n), 1.0, 0.2);
   for (std::size_t third = 0; third < 3; ++third)
     EXPECT_NEAR(rms(errors, third * n / 3, (third + 1) * n / 3), 1.0, 0.2) << third;
-  // The spread of what is reported is real: a point in the worst tenth is known clearly worse.
+  // Reported sigmas differ in fact: points in the worst tenth are clearly less accurate.
   EXPECT_GE(errors[n * 9 / 10].sigma, 1.2 * errors[n / 10].sigma);
 }
 

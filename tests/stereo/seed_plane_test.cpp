@@ -32,7 +32,7 @@ TEST(SeedPlane, IsRecoveredThroughAThirdOfGrossErrors) {
   EXPECT_LT((plane->normal - truth.normal).norm(), 0.02);
 }
 
-TEST(SeedPlane, IsNotMadeUpFromTooLittle) {
+TEST(SeedPlane, IsAbsentForTooFewPoints) {
   const SeedPlane truth{Eigen::Vector3d::UnitZ(), 2};
   EXPECT_FALSE(fitSeedPlane(pointsOf(truth, 11, 0.01, 0)).has_value());
   std::vector<StereoPoint> one_ray(50);

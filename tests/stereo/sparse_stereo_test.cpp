@@ -1,15 +1,15 @@
-#include "recon/stereo/sparse_stereo.hpp"
-
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <stdexcept>
 #include <vector>
 
+#include "recon/stereo/sparse_stereo.hpp"
 #include "tests/stereo/synthetic_scene.hpp"
 #include "tests/support/strip_mask.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::stereo {
 namespace {
@@ -20,7 +20,7 @@ using test::GrayImage;
 using test::Sheet;
 using test::SyntheticScene;
 
-constexpr int kWidth = 640, kHeight = 480;  // [px]
+constexpr int kSparseWidth = 640, kSparseHeight = 480;  // [px]
 // A strobe on the left: the right image is darker, hazier and noisier.
 constexpr Exposure kLeft{1.0, 0.0, 2.0}, kRight{0.8, 12.0, 3.0};
 
@@ -30,7 +30,7 @@ Sheet level(double z) {
 
 struct Errors {
   std::vector<double> disparity;  // absolute, ascending [px]
-  double outliers = 0;            // share of points whose depth is off by more than 3 sigma_z + 1 cm
+  double outliers = 0;            // share of points with a depth error over 3 sigma_z + 1 cm
   double mean = 0;                // signed, of errors below one pixel [px]
   [[nodiscard]] double quantile(double q) const {
     return disparity.at(static_cast<std::size_t>(q * static_cast<double>(disparity.size() - 1)));
@@ -76,7 +76,7 @@ struct Surface {
 class SparseStereoOn : public testing::TestWithParam<Surface> {};
 
 TEST_P(SparseStereoOn, DisparityIsAccurateWithoutBiasWhenNoiseAndBrightnessDifferBetweenTheImages) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {GetParam().sheet});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {GetParam().sheet});
   const StereoResult result = run(scene);
   EXPECT_GE(result.points.size(), 700U);
   const Errors errors = compare(scene, result);
@@ -98,7 +98,7 @@ INSTANTIATE_TEST_SUITE_P(Surfaces, SparseStereoOn,
                          [](const auto& instance) { return instance.param.name; });
 
 TEST(SparseStereo, DepthHasNoBias) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   const StereoResult result = run(scene);
   double sum = 0;
   for (const StereoPoint& p : result.points)
@@ -107,7 +107,7 @@ TEST(SparseStereo, DepthHasNoBias) {
 }
 
 TEST(SparseStereo, AltitudeErrorOfASeedPlaneIsCapturedByTheSearch) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   for (const double distance : {1.45, 3.2}) {  // 24 px too near, 22 px too far
     const StereoResult result = run(scene, {Eigen::Vector3d::UnitZ(), distance});
     EXPECT_GE(result.points.size(), 600U) << distance;
@@ -116,21 +116,21 @@ TEST(SparseStereo, AltitudeErrorOfASeedPlaneIsCapturedByTheSearch) {
 }
 
 TEST(SparseStereo, CornersReachEveryPartOfTheImageThoughOneQuarterHasMostContrast) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   auto [left, right] = scene.render(kLeft, kRight);
   for (GrayImage* image : {&left, &right})
-    for (int y = 0; y < kHeight; ++y)
-      for (int x = 0; x < kWidth; ++x) {
-        std::uint8_t& v = image->pixels[static_cast<std::size_t>(y * kWidth + x)];
-        if (x < kWidth / 2 || y < kHeight / 2) v = static_cast<std::uint8_t>(80 + v / 4);
+    for (int y = 0; y < kSparseHeight; ++y)
+      for (int x = 0; x < kSparseWidth; ++x) {
+        std::uint8_t& v = image->pixels[static_cast<std::size_t>(y * kSparseWidth + x)];
+        if (x < kSparseWidth / 2 || y < kSparseHeight / 2) v = static_cast<std::uint8_t>(80 + v / 4);
       }
   SparseStereo stereo(scene.rig(), {});
   const StereoResult& result = stereo.process(left.view(), right.view(), {});
   constexpr int kColumns = 8, kRows = 6;
   std::vector<int> counts(kColumns * kRows, 0);
   for (const StereoPoint& p : result.points)
-    ++counts[static_cast<std::size_t>(static_cast<int>(p.left.y()) * kRows / kHeight * kColumns +
-                                      static_cast<int>(p.left.x()) * kColumns / kWidth)];
+    ++counts[static_cast<std::size_t>(static_cast<int>(p.left.y()) * kRows / kSparseHeight * kColumns +
+                                      static_cast<int>(p.left.x()) * kColumns / kSparseWidth)];
   // The leftmost column is partly outside the right image.
   for (int row = 0; row < kRows; ++row)
     for (int column = 1; column < kColumns; ++column)
@@ -140,7 +140,7 @@ TEST(SparseStereo, CornersReachEveryPartOfTheImageThoughOneQuarterHasMostContras
 TEST(SparseStereo, SmallFishAboveTheFloorIsRejected) {
   const Sheet fish{[](double, double) { return 1.5; },
                    [](double x, double y) { return x * x / (0.05 * 0.05) + y * y / (0.018 * 0.018) < 1; }};
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0), fish});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0), fish});
   const StereoResult result = run(scene);
   EXPECT_GE(result.points.size(), 600U);
   EXPECT_GE(result.rejected.outlier + result.rejected.fish, 1U);
@@ -150,20 +150,20 @@ TEST(SparseStereo, SmallFishAboveTheFloorIsRejected) {
 TEST(SparseStereo, StepAtTheEdgeOfACoralHeadIsKeptAndNoTriangleSpansIt) {
   const Sheet head{[](double, double) { return 1.6; },
                    [](double x, double y) { return x > 0.05 && y < 0.05; }};
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0), head});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0), head});
   const StereoResult result = run(scene);
   EXPECT_LE(compare(scene, result).fractionAbove(1.0), 0.005);
   std::size_t on_head = 0, wanted = 0;
   for (const StereoPoint& p : result.points) on_head += p.point.z() < 1.8F ? 1 : 0;
-  // The head fills this share of the image: nearly as many of the points must be on it, some are lost to its
-  // edge.
-  for (int y = 10; y < kHeight; y += 20)
-    for (int x = 10; x < kWidth; x += 20) {
+  // The head fills this share of the image: nearly as many of the points must be on it, some are lost to
+  // its edge.
+  for (int y = 10; y < kSparseHeight; y += 20)
+    for (int x = 10; x < kSparseWidth; x += 20) {
       Eigen::Vector3d point;
       ASSERT_TRUE(scene.pointAt({x, y}, point));
       wanted += point.z() < 1.8 ? 1 : 0;
     }
-  const double share = static_cast<double>(wanted) / (kWidth / 20 * kHeight / 20);
+  const double share = static_cast<double>(wanted) / (kSparseWidth / 20 * kSparseHeight / 20);
   EXPECT_GE(static_cast<double>(on_head), 0.8 * share * static_cast<double>(result.points.size()));
   for (const auto& t : result.triangles) {
     const auto [low, high] = std::minmax(
@@ -176,7 +176,7 @@ TEST(SparseStereo, WindowsAcrossAStepThatFollowTheWrongSideAreFoundByTheirMiddle
   // Narrow stripes of two depths: most windows hold both.
   const Sheet stripes{[](double, double) { return 1.8; },
                       [](double x, double) { return std::fmod(x + 1.0, 0.06) < 0.02; }};
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0), stripes});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0), stripes});
   SparseStereoConfig config;
   const Errors with = compare(scene, run(scene, {}, config));
   config.max_core_distance = 10;
@@ -189,7 +189,7 @@ TEST(SparseStereo, WindowsAcrossAStepThatFollowTheWrongSideAreFoundByTheirMiddle
 TEST(SparseStereo, TrianglesFaceTheCameraAndKeepToTheLongestEdge) {
   SparseStereoConfig config;
   config.max_edge = 0.06;
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   const StereoResult result = run(scene, {}, config);
   ASSERT_GE(result.triangles.size(), 500U);
   for (const auto& t : result.triangles) {
@@ -201,11 +201,11 @@ TEST(SparseStereo, TrianglesFaceTheCameraAndKeepToTheLongestEdge) {
 }
 
 TEST(SparseStereo, WhatAMaskHidesInEitherImageGivesNoPointsAndNoTriangles) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   const auto [left, right] = scene.render(kLeft, kRight);
   SparseStereo stereo(scene.rig(), {});
-  const ImageMask in_left = test::stripMask(kWidth, kHeight, 200, 290),
-                  in_right = test::stripMask(kWidth, kHeight, 450, 480);
+  const ImageMask in_left = test::stripMask(kSparseWidth, kSparseHeight, 200, 290),
+                  in_right = test::stripMask(kSparseWidth, kSparseHeight, 450, 480);
   ImageView left_view = left.view(), right_view = right.view();
   left_view.mask = &in_left;
   right_view.mask = &in_right;
@@ -225,7 +225,7 @@ TEST(SparseStereo, WhatAMaskHidesInEitherImageGivesNoPointsAndNoTriangles) {
 }
 
 TEST(SparseStereo, QuotaOfAFrameBoundsItsCorners) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   const auto [left, right] = scene.render(kLeft, kRight);
   SparseStereo stereo(scene.rig(), {});
   const StereoResult& result = stereo.process(left.view(), right.view(), {}, 150);
@@ -235,8 +235,8 @@ TEST(SparseStereo, QuotaOfAFrameBoundsItsCorners) {
 }
 
 TEST(SparseStereo, SameImagesGiveTheSameBytesWhateverWentBefore) {
-  const SyntheticScene scene(croppedRig(kWidth, kHeight), {level(2.0)});
-  const SyntheticScene other(croppedRig(kWidth, kHeight), {level(3.0)}, 0.004, 9);
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
+  const SyntheticScene other(croppedRig(kSparseWidth, kSparseHeight), {level(3.0)}, 0.004, 9);
   const auto [left, right] = scene.render(kLeft, kRight);
   const auto [other_left, other_right] = other.render(kLeft, kRight);
   SparseStereo fresh(scene.rig(), {}), used(scene.rig(), {});
@@ -284,7 +284,7 @@ TEST(SparseStereo, EmptyBlackOrWronglyShapedImagesGiveNoPoints) {
 }
 
 TEST(SparseStereo, NoiseAloneGivesNextToNoPoints) {
-  const StereoRig rig = croppedRig(kWidth, kHeight);
+  const StereoRig rig = croppedRig(kSparseWidth, kSparseHeight);
   SyntheticScene scene(rig, {level(2.0)});
   const auto [left, right] = scene.render({0.0, 60.0, 6.0}, {0.0, 60.0, 6.0});
   SparseStereo stereo(rig, {});
@@ -337,6 +337,51 @@ TEST(StereoMesh, CarriesPointsSigmaColoursAndNormalsTowardsTheCamera) {
   EXPECT_EQ(mesh.vertices[7], result.points[7].point);
   EXPECT_LT(mesh.normals[mesh.triangles.front()[0]].z(), -0.8F);
   EXPECT_TRUE(toMesh(result, {}).colours.empty());
+}
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+SparseStereoConfig read(const char* toml) {
+  const ConfigTable root = ConfigTable::parse(toml, "test.toml");
+  const SparseStereoConfig config = readSparseStereoConfig(root.table("stereo"), {});
+  root.finish();
+  return config;
+}
+
+std::string errorOf(const char* toml) {
+  return test::refusal([&] { read(toml); });
+}
+
+TEST(StereoConfig, AnAbsentTableGivesTheDefaults) {
+  const SparseStereoConfig config = read("");
+  EXPECT_EQ(config.max_features, SparseStereoConfig{}.max_features);
+  EXPECT_EQ(config.max_epipolar_distance, SparseStereoConfig{}.max_epipolar_distance);
+}
+
+TEST(StereoConfig, EveryKeyReachesItsMember) {
+  const SparseStereoConfig c = read(
+      "[stereo]\nmax_features = 21\nwindow_px = 9\nmax_epipolar_px = 0.2\nmax_left_right_px = 0.3\n"
+      "min_correlation = 0.4\nsigma_scale = 0.5\nsearch_radius_px = 60\nmin_range_m = 0.7\n"
+      "max_range_m = 8\nmax_edge_m = 0.9\nmin_patch_points = 10\n");
+  EXPECT_EQ(c.max_features, 21);
+  EXPECT_EQ(c.window, 9);
+  EXPECT_EQ(c.max_epipolar_distance, 0.2);
+  EXPECT_EQ(c.max_left_right_distance, 0.3);
+  EXPECT_EQ(c.min_correlation, 0.4);
+  EXPECT_EQ(c.sigma_scale, 0.5);
+  EXPECT_EQ(c.search_radius, 60);
+  EXPECT_EQ(c.min_range, 0.7);
+  EXPECT_EQ(c.max_range, 8);
+  EXPECT_EQ(c.max_edge, 0.9);
+  EXPECT_EQ(c.min_patch_points, 10);
+}
+
+TEST(StereoConfig, ValuesThatCannotBeAreRefusedByNameAndLine) {
+  EXPECT_THAT(errorOf("[stereo]\nwindow_px = 8\n"), AllOf(HasSubstr("window_px"), HasSubstr("odd")));
+  EXPECT_THAT(errorOf("[stereo]\nmax_features = 5001\n"), HasSubstr("max_features"));
+  EXPECT_THAT(errorOf("[stereo]\nmin_range_m = 5\nmax_range_m = 4\n"), HasSubstr("max_range_m"));
+  EXPECT_THAT(errorOf("[stereo]\nmax_epipolar_distance_px = 1\n"), HasSubstr("max_epipolar_distance_px"));
 }
 
 }  // namespace

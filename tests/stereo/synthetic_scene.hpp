@@ -60,8 +60,8 @@ class SyntheticScene {
   std::vector<float> lattice_;
 };
 
-// The middle of a real rig's images (ACFR, 1360x1024, 7 cm baseline, strong distortion): same lenses, smaller
-// chip.
+// The middle of a real rig's images (ACFR, 1360x1024, 7 cm baseline, strong distortion): same lenses,
+// smaller chip.
 [[nodiscard]] StereoRig croppedRig(int width, int height);
 
 }  // namespace fathom::test

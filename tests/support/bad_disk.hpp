@@ -1,10 +1,6 @@
 #pragma once
 
-#include <fcntl.h>
 #include <gtest/gtest.h>
-#include <sys/mman.h>
-#include <time.h>
-#include <unistd.h>
 
 #include <cstdint>
 #include <cstdlib>
@@ -14,7 +10,9 @@
 #include <string>
 #include <vector>
 
+#include "realtime/base/units.hpp"
 #include "tests/support/bad_disk_control.hpp"
+#include "tests/support/mapped_file.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::test {
@@ -34,29 +32,19 @@ class BadDisk {
     std::uint32_t stall_ms = 0;  // of DiskFault::kStall, each call
   };
 
-  explicit BadDisk(const std::filesystem::path& folder) : file_(own_.path() / "bad-disk") {
-    const int fd = ::open(file_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-    void* memory = MAP_FAILED;
-    if (fd >= 0 && ::ftruncate(fd, sizeof(BadDiskControl)) == 0)
-      memory = ::mmap(nullptr, sizeof(BadDiskControl), PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
-    ::close(fd);
-    if (memory == MAP_FAILED) throw std::bad_alloc();
-    control_ = new (memory) BadDiskControl;
+  explicit BadDisk(const std::filesystem::path& folder) : file_(own_.path() / "bad-disk"), control_(file_) {
     const std::string path = std::filesystem::absolute(folder).lexically_normal().string();
     std::strncpy(control_->folder, path.c_str(), sizeof control_->folder - 1);
     use(true);
   }
-  ~BadDisk() {
-    use(false);
-    ::munmap(control_, sizeof *control_);
-  }
+  ~BadDisk() { use(false); }
   BadDisk(const BadDisk&) = delete;
   BadDisk& operator=(const BadDisk&) = delete;
 
   // Whether this process, where it links fathom_bad_disk_here, has that disk; a child that is forked later,
   // as this one.
   void use(bool here) {
-    if (fathomBadDiskUse != nullptr) fathomBadDiskUse(here ? control_ : nullptr);
+    if (fathomBadDiskUse != nullptr) fathomBadDiskUse(here ? &*control_ : nullptr);
   }
   // From now on; gives the number of the rule. Rules are looked at in their order, the first that fits acts.
   std::size_t set(const Order& order) {
@@ -70,7 +58,7 @@ class BadDisk {
     rule.after = order.after;
     rule.times = order.times;
     rule.stall_ms = order.stall_ms;
-    rule.until_ns = order.for_ms == 0 ? 0 : nowNs() + order.for_ms * 1'000'000;
+    rule.until_ns = order.for_ms == 0 ? 0 : nowNs() + order.for_ms * kMillisecond_ns;
     rule.seen = rule.hit = 0;
     rule.fault = order.fault;
     return at;
@@ -90,15 +78,9 @@ class BadDisk {
   }
 
  private:
-  static std::int64_t nowNs() {
-    timespec now = {};
-    ::clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
-  }
-
   TemporaryFolder own_;
   std::filesystem::path file_;
-  BadDiskControl* control_ = nullptr;
+  MappedFile<BadDiskControl> control_;
 };
 
 }  // namespace fathom::test

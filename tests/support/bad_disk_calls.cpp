@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/uio.h>
@@ -17,6 +16,7 @@
 #include <unistd.h>
 
 #include "tests/support/bad_disk_control.hpp"
+#include "tests/support/mapped_file.hpp"
 
 namespace {
 
@@ -29,20 +29,9 @@ constexpr std::size_t kMostPath = 4096;
 
 std::atomic<BadDiskControl*> given{nullptr};
 
-BadDiskControl* controlOfEnvironment() {
-  const char* path = ::getenv("FATHOM_BAD_DISK");
-  if (path == nullptr) return nullptr;
-  const long fd = ::syscall(SYS_openat, AT_FDCWD, path, O_RDWR | O_CLOEXEC, 0);
-  if (fd < 0) return nullptr;
-  void* memory =
-      ::mmap(nullptr, sizeof(BadDiskControl), PROT_READ | PROT_WRITE, MAP_SHARED, static_cast<int>(fd), 0);
-  ::syscall(SYS_close, fd);
-  return memory == MAP_FAILED ? nullptr : static_cast<BadDiskControl*>(memory);
-}
-
 BadDiskControl* control() {
   if (BadDiskControl* here = given.load()) return here;
-  static BadDiskControl* const of_environment = controlOfEnvironment();
+  static BadDiskControl* const of_environment = mappedByEnvironment<BadDiskControl>("FATHOM_BAD_DISK");
   return of_environment;
 }
 
@@ -110,12 +99,6 @@ bool fits(const BadDiskRule& rule, DiskFault fault, const char* path, std::uint3
   if (fault == DiskFault::kNoSpace) return makes;
   if (fault == DiskFault::kReadOnly) return makes || (open_flags & O_ACCMODE) != O_RDONLY;
   return true;
-}
-
-std::int64_t nowNs() {
-  timespec now = {};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
 }
 
 void sleepMs(std::uint32_t ms) {

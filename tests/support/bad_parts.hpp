@@ -1,11 +1,10 @@
 #pragma once
 
-#include <time.h>
-
 #include <cstring>
 #include <filesystem>
 #include <string>
 
+#include "realtime/base/units.hpp"
 #include "tests/support/bad_parts_control.hpp"
 #include "tests/support/mapped_file.hpp"
 
@@ -19,10 +18,8 @@ class BadParts {
 
   // At the part's next fault point; kSlow and kCorrupt for so long.
   void set(const char* part, PartFault fault, std::int64_t for_ms) {
-    timespec now = {};
-    ::clock_gettime(CLOCK_MONOTONIC, &now);
     std::strncpy(control_->part, part, sizeof control_->part - 1);
-    control_->until_ns = now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec + for_ms * 1'000'000;
+    control_->until_ns = nowNs() + for_ms * kMillisecond_ns;
     control_->fault = fault;
   }
   void clear() { control_->fault = PartFault::kNone; }

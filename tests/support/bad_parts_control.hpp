@@ -8,7 +8,7 @@ namespace fathom::test {
 // What a part of the program does when it comes to its fault point (realtime/kernel/fault_point.hpp).
 //   kHangShort  for a second; kHang: for ever
 //   kSlow       its work takes ten times as long
-//   kCorrupt    nothing there: whoever gives the part its input gives something else
+//   kCorrupt    nothing there: the part is given other input
 enum class PartFault : std::uint32_t {
   kNone,
   kThrow,

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "realtime/kernel/heap_counter.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
 
 namespace fathom::test {
 

@@ -29,7 +29,7 @@ Sparse sparse(const LatencyHistogram& h) {
   return s;
 }
 
-// The percentile of some minutes together, from the late end: few latencies lie there.
+// The percentile of some minutes together, from the late end: few latencies are there.
 double pooled(const std::vector<Sparse>& minutes, const std::vector<std::size_t>& which, double percent,
               std::vector<std::uint64_t>& scratch) {
   std::fill(scratch.begin(), scratch.end(), 0);

@@ -23,7 +23,7 @@ class LatencyHistogram {
   [[nodiscard]] std::uint64_t beyond() const noexcept { return beyond_; }
   [[nodiscard]] std::int64_t max() const noexcept { return max_; }  // [us]
   [[nodiscard]] const std::vector<std::uint64_t>& counts() const noexcept { return counts_; }
-  // Smallest latency at or below which `percent` of the wake-ups lie [us]; kMicroseconds for those beyond.
+  // Smallest latency that `percent` of the wake-ups do not exceed [us]; kMicroseconds for those beyond.
   [[nodiscard]] std::int64_t percentile(double percent) const noexcept;
 
  private:

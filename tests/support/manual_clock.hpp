@@ -3,7 +3,7 @@
 #include <atomic>
 #include <cstdint>
 
-#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::test {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <type_traits>
 
-#include "realtime/kernel/command_line.hpp"
+#include "realtime/base/command_line.hpp"
 
 namespace fathom::test {
 namespace {

@@ -8,8 +8,8 @@
 #include <functional>
 #include <vector>
 
-#include "realtime/kernel/crc32.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 
 namespace fathom::test {
 

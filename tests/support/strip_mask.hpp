@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "recon/geometry/image_mask.hpp"
+#include "recon/geometry/image_view.hpp"
 
 namespace fathom::test {
 

@@ -1,4 +1,4 @@
-// The main of every test program: its temporary files lie in a folder of their own, which stays when a test
+// The main of every test program: its temporary files are in a folder of their own, which stays when a test
 // failed.
 #include <gmock/gmock.h>
 #include <stdlib.h>

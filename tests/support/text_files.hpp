@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::test {
 

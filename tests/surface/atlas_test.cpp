@@ -1,4 +1,5 @@
 #include "recon/surface/atlas.hpp"
+#include "recon/surface/bake.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,17 +7,17 @@
 #include <cmath>
 
 #include "recon/surface/simplify.hpp"
-#include "tests/surface/made_tiles.hpp"
+#include "tests/surface/synthetic_tiles.hpp"
 
 namespace fathom::surface {
 namespace {
 
-using test::madeTile;
+using test::syntheticTile;
 
 constexpr AtlasConfig kConfig{.texel = 0.006, .max_edge = 4096, .gutter = 4};
 
 Atlas difficultAtlas() {
-  return makeAtlas(simplify(madeTile(test::difficultTerrain(7), TileGrid{}, {0, 0, 0}), 1000), kConfig);
+  return makeAtlas(simplify(syntheticTile(test::difficultTerrain(7), TileGrid{}, {0, 0, 0}), 1000), kConfig);
 }
 
 std::vector<Texel> allTexels(const Atlas& atlas) {
@@ -50,7 +51,7 @@ TEST(Atlas, ShowsAnOpenSeafloorFromAboveOnALatticeThatNeighboursContinue) {
   const TileGrid grid;
   const auto ground = test::noisyTerrain(0.004, 3);
   for (const int y : {0, 1}) {
-    const Atlas atlas = makeAtlas(madeTile(ground, grid, {0, 0, y}), {.texel = 0.0012});
+    const Atlas atlas = makeAtlas(syntheticTile(ground, grid, {0, 0, y}), {.texel = 0.0012});
     ASSERT_EQ(atlas.charts.size(), 1U);
     // The tile, a gutter, and what blocks of four texels add.
     EXPECT_NEAR(atlas.width, 1760 + 2 * 4, 8);
@@ -78,7 +79,7 @@ TEST(Atlas, GivesEveryFaceAPlaceThatItsAxisSees) {
     for (const std::uint32_t v : mesh.triangles[f]) {
       const double column = static_cast<double>(mesh.texture_coordinates[v].x()) * atlas.width;
       const double row = (1 - static_cast<double>(mesh.texture_coordinates[v].y())) * atlas.height;
-      // A gutter lies between it and the next chart.
+      // A gutter is between it and the next chart.
       EXPECT_GE(column, chart.x + 4 - 1e-3);
       EXPECT_LE(column, chart.x + chart.width - 4 + 1e-3);
       EXPECT_GE(row, chart.y + 4 - 1e-3);
@@ -92,7 +93,7 @@ TEST(Atlas, GivesEveryFaceAPlaceThatItsAxisSees) {
   EXPECT_LE(badly_seen, mesh.triangles.size() / 200);
 }
 
-TEST(Atlas, ChartsLieApart) {
+TEST(Atlas, ChartsDoNotOverlap) {
   const Atlas atlas = difficultAtlas();
   std::vector<int> taken(static_cast<std::size_t>(atlas.width * atlas.height), 0);
   for (const Chart& chart : atlas.charts)
@@ -106,7 +107,7 @@ TEST(Atlas, NoFaceHidesAnotherOfItsChart) {
   const Atlas atlas = difficultAtlas();
   const Mesh& mesh = atlas.tile.surface.mesh;
   const std::vector<Texel> texels = allTexels(atlas);
-  // Every texel centre that lies well inside a face's outline shows this face.
+  // Every texel centre well inside a face's outline shows this face.
   std::size_t checked = 0;
   for (std::size_t f = 0; f < mesh.triangles.size(); ++f) {
     const Chart& chart = atlas.charts[atlas.chart_of_face[f]];
@@ -136,7 +137,7 @@ TEST(Atlas, NoFaceHidesAnotherOfItsChart) {
   EXPECT_GT(checked, 100000U);
 }
 
-TEST(Atlas, TexelsStandOnTheirFaceWhereTheirTextureCoordinatesSay) {
+TEST(Atlas, TexelsAreOnTheirFaceAtItsTextureCoordinates) {
   const Atlas atlas = difficultAtlas();
   const Mesh& mesh = atlas.tile.surface.mesh;
   const std::vector<Texel> texels = allTexels(atlas);
@@ -186,7 +187,7 @@ TEST(Atlas, RowsDrawnApartAreThoseDrawnTogether) {
 }
 
 TEST(Atlas, LargerTexelsWhereItWouldBeTooLarge) {
-  const TileMesh tile = madeTile(test::noisyTerrain(0.004, 3), TileGrid{}, {0, 0, 0});
+  const TileMesh tile = syntheticTile(test::noisyTerrain(0.004, 3), TileGrid{}, {0, 0, 0});
   const Atlas atlas = makeAtlas(tile, {.texel = 0.0012, .max_edge = 512});
   EXPECT_LE(std::max(atlas.width, atlas.height), 512);
   EXPECT_GT(atlas.tile.texel, 0.0041);

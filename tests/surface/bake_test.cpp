@@ -1,12 +1,12 @@
 #include <gtest/gtest.h>
-
 #include <Eigen/Geometry>
 #include <cmath>
 
 #include "recon/surface/atlas.hpp"
+#include "recon/surface/bake.hpp"
 #include "recon/surface/fill.hpp"
 #include "recon/surface/simplify.hpp"
-#include "tests/surface/made_tiles.hpp"
+#include "tests/surface/synthetic_tiles.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -39,12 +39,12 @@ struct Family {
   Atlas parent;
 };
 
-Family family(const test::Ground& ground, double child_texel) {
+Family bakedFamily(const test::Ground& ground, double child_texel) {
   const TileGrid grid;
   Family out;
   std::vector<TileMesh> fine;
   for (const auto& [x, y] : {std::pair{0, 0}, {0, 1}, {1, 0}, {1, 1}})
-    fine.push_back(simplify(test::madeTile(ground, grid, {0, x, y}), 1000));
+    fine.push_back(simplify(test::syntheticTile(ground, grid, {0, x, y}), 1000));
   std::vector<const TileMesh*> tiles;
   for (const TileMesh& tile : fine) {
     out.children.push_back(painted(tile, child_texel));
@@ -81,7 +81,7 @@ double wrongShare(const Atlas& parent, const RgbImage& image, double levels) {
 }
 
 TEST(BakeFromChildren, GivesTheParentTheColoursOfItsChildrenInTheSamePlaces) {
-  Family made = family(test::noisyTerrain(0.006, 7), 0.006);
+  Family made = bakedFamily(test::noisyTerrain(0.006, 7), 0.006);
   std::vector<const TexturedTile*> children;
   for (const TexturedTile& child : made.children) children.push_back(&child);
   const RgbImage image = bakeFromChildren(made.parent, children);
@@ -92,7 +92,7 @@ TEST(BakeFromChildren, GivesTheParentTheColoursOfItsChildrenInTheSamePlaces) {
 }
 
 TEST(BakeFromChildren, QuartersOfTheChildrenAreEnough) {
-  Family made = family(test::difficultTerrain(7), 0.006);
+  Family made = bakedFamily(test::difficultTerrain(7), 0.006);
   std::vector<TexturedTile> quarters;
   std::vector<const TexturedTile*> children;
   for (const TexturedTile& child : made.children) quarters.push_back(quarterAtlas(child));
@@ -124,6 +124,44 @@ TEST(FillUnknown, LeavesAnImageThatKnowsNothing) {
   RgbImage image{3, 3, std::vector<std::uint8_t>(27, 7)};
   fillUnknown(image, std::vector<std::uint8_t>(9, 0));
   EXPECT_EQ(image.rgb, std::vector<std::uint8_t>(27, 7));
+}
+
+TEST(QuarterAtlas, IsTheMeanOfFourByFourTexelsAndKeepsTheSurface) {
+  TexturedTile tile;
+  tile.texel = 0.25;
+  tile.surface.mesh.vertices = {{1, 2, 3}};
+  tile.atlas = {8, 4, std::vector<std::uint8_t>(3 * 8 * 4, 10)};
+  for (int y = 0; y < 4; ++y)
+    for (int x = 4; x < 8; ++x) tile.atlas.at(x, y)[1] = static_cast<std::uint8_t>(x % 2 == 0 ? 0 : 201);
+
+  const TexturedTile quarter = quarterAtlas(tile);
+
+  EXPECT_EQ(quarter.atlas.width, 2);
+  EXPECT_EQ(quarter.atlas.height, 1);
+  EXPECT_EQ(quarter.atlas.rgb, (std::vector<std::uint8_t>{10, 10, 10, 10, 101, 10}));
+  EXPECT_DOUBLE_EQ(quarter.texel, 1);
+  EXPECT_EQ(quarter.surface.mesh.vertices, tile.surface.mesh.vertices);
+}
+
+// Two faces of a square, light on its left and dark on its right.
+TEST(VertexColours, AreTheTexturesMeanAboutEachVertexInAnyChart) {
+  TexturedTile tile;
+  tile.texel = 0.1;
+  Mesh& mesh = tile.surface.mesh;
+  mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+  mesh.triangles = {{0, 1, 2}, {3, 4, 5}};
+  mesh.texture_coordinates = {{0, 0}, {0, 1}, {1, 1}, {0, 0}, {1, 1}, {1, 0}};
+  tile.atlas = {20, 20, std::vector<std::uint8_t>(3 * 20 * 20, 40)};
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 10; ++x) tile.atlas.at(x, y)[0] = 200;
+  colourVertices(tile);
+  ASSERT_EQ(mesh.colours.size(), mesh.vertices.size());
+  EXPECT_EQ(mesh.colours[1], (Rgb{200, 40, 40}));
+  EXPECT_EQ(mesh.colours[5], (Rgb{40, 40, 40}));
+  EXPECT_EQ(mesh.colours[0], mesh.colours[3]);  // one place
+  EXPECT_EQ(mesh.colours[2], mesh.colours[4]);
+  EXPECT_GT(mesh.colours[0][0], 150);
+  EXPECT_LT(mesh.colours[2][0], 90);
 }
 
 }  // namespace

@@ -8,7 +8,7 @@
 
 #include "recon/geometry/flat_port.hpp"
 #include "recon/surface/chart_lattice.hpp"
-#include "tests/surface/seen_scene.hpp"
+#include "tests/surface/synthetic_seafloor.hpp"
 
 namespace fathom::surface {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "tests/support/strip_mask.hpp"
-#include "tests/surface/seen_scene.hpp"
+#include "tests/surface/synthetic_seafloor.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -18,7 +18,7 @@ struct Result {
   BlendCounts counts;
 };
 
-Result textured(const SeenScene& scene, const TileMesh& tile, const BlendConfig& config,
+Result textured(const SyntheticSeafloor& scene, const TileMesh& tile, const BlendConfig& config,
                 const std::vector<const Mesh*>& more = {}) {
   Result out{makeAtlas(tile, {kTexel, 4096, 4}), {}};
   std::vector<const Mesh*> occluders{&tile.mesh};
@@ -38,7 +38,7 @@ struct Error {
   int texels = 0;
 };
 template <typename Where>
-Error errorOf(const Atlas& atlas, const SeenScene::Paint& truth, const Where& where) {
+Error errorOf(const Atlas& atlas, const SyntheticSeafloor::Paint& truth, const Where& where) {
   std::vector<Texel> texels;
   rasterise(atlas, 0, atlas.height, texels);
   Error out;
@@ -63,8 +63,8 @@ bool everywhere(double, double) {
   return true;
 }
 
-SeenScene fiveViews() {
-  SeenScene scene;
+SyntheticSeafloor fiveViews() {
+  SyntheticSeafloor scene;
   scene.camera = sceneCamera();
   scene.paint = seafloorPaint;
   scene.addView(0.0, 0.0, 0.2);
@@ -76,7 +76,7 @@ SeenScene fiveViews() {
 }
 
 TEST(Blend, ShowsTheSeafloorAsPainted) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.take();
   for (const BlendMode mode : {BlendMode::kBands, BlendMode::kAverage, BlendMode::kUnblended}) {
     BlendConfig config;
@@ -93,7 +93,7 @@ TEST(Blend, ShowsTheSeafloorAsPainted) {
 }
 
 TEST(Blend, AViewFromAfarDoesNotBlurWhatANearOneShows) {
-  SeenScene scene;
+  SyntheticSeafloor scene;
   scene.camera = sceneCamera();
   scene.paint = seafloorPaint;
   scene.addView(0.2, 0.2, 0.2);  // at 2 m, beside
@@ -111,7 +111,7 @@ TEST(Blend, AViewFromAfarDoesNotBlurWhatANearOneShows) {
 }
 
 TEST(Blend, GivesEverythingOfAnImageBackWhereItIsTheOnlyOne) {
-  SeenScene scene;
+  SyntheticSeafloor scene;
   scene.camera = sceneCamera();
   scene.paint = seafloorPaint;
   scene.addView(0, 0, 0.4);
@@ -128,7 +128,7 @@ TEST(Blend, GivesEverythingOfAnImageBackWhereItIsTheOnlyOne) {
 }
 
 TEST(Blend, HidesDifferencesOfExposureWithoutLosingDetail) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.gains = {1.0, 1.15, 0.88, 1.1, 0.92};
   scene.take();
   const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
@@ -142,7 +142,7 @@ TEST(Blend, HidesDifferencesOfExposureWithoutLosingDetail) {
 }
 
 TEST(Blend, DoesNotPaintWhatHidesASurfaceOntoIt) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   // A ledge half a metre above the seafloor, and a rod as thin as a voxel.
   scene.plates = {{{0.02, -0.30, 0.20, 0.02}, 1.5, {250, 20, 20}},
                   {{-0.2, 0.10, 0.2, 0.135}, 1.6, {20, 250, 20}}};
@@ -171,12 +171,12 @@ TEST(Blend, DoesNotPaintWhatHidesASurfaceOntoIt) {
 }
 
 TEST(Blend, LeavesOutAFishThatOneOfFiveViewsSaw) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.take();
   const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   BlendConfig config;
   const Result clean = textured(scene, tile, config);
-  SeenScene with_fish = scene;
+  SyntheticSeafloor with_fish = scene;
   // It swims 20 cm above the middle, where the first view is the most central one.
   with_fish.plates = {{{-0.10, -0.05, 0.10, 0.05}, 1.8, {20, 25, 40}}};
   scene.pictures[0] = with_fish.picture(0);
@@ -198,7 +198,7 @@ TEST(Blend, LeavesOutAFishThatOneOfFiveViewsSaw) {
 
 // A strip across the middle of every image, filled with about the seafloor's mean.
 TEST(Blend, LeavesOutWhatMasksHide) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.take();
   const int width = scene.camera.width, height = scene.camera.height;
   constexpr std::uint8_t kFilled = 110;
@@ -232,13 +232,13 @@ TEST(Blend, LeavesOutWhatMasksHide) {
 }
 
 TEST(Blend, KeepsAStrongContrastThatPosesPlaceDifferently) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.paint = [](double north, double east) -> std::array<double, 3> {
     const bool rock = std::fmod(std::floor(north * 8 + 100) + std::floor(east * 8 + 100), 2) == 0;
     return rock ? std::array<double, 3>{190, 180, 160} : std::array<double, 3>{45, 50, 40};
   };
   scene.take();
-  // Poses that are 8 mm wrong, each another way.
+  // Poses with errors of 8 mm, each in another direction.
   for (std::size_t i = 0; i < scene.views.size(); ++i) {
     const double angle = 1.3 * static_cast<double>(i);
     scene.views[i].T_nav_cam = SE3(scene.views[i].T_nav_cam.rotation(),
@@ -250,7 +250,7 @@ TEST(Blend, KeepsAStrongContrastThatPosesPlaceDifferently) {
 }
 
 TEST(Blend, FillsWhatNoViewSeesFromItsNeighbours) {
-  SeenScene scene;
+  SyntheticSeafloor scene;
   scene.camera = sceneCamera();
   scene.paint = [](double, double) -> std::array<double, 3> { return {120, 80, 60}; };
   // It reaches to about north -0.1 only.
@@ -263,7 +263,7 @@ TEST(Blend, FillsWhatNoViewSeesFromItsNeighbours) {
 }
 
 TEST(Blend, OfATileThatNoImageSawShowsTheVerticesColours) {
-  SeenScene scene;
+  SyntheticSeafloor scene;
   scene.camera = sceneCamera();
   TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   tile.mesh.colours.assign(tile.mesh.vertices.size(), Rgb{10, 20, 30});
@@ -275,7 +275,7 @@ TEST(Blend, OfATileThatNoImageSawShowsTheVerticesColours) {
 }
 
 TEST(Blend, PassesOverImagesThatCannotBeHad) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.take();
   const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
@@ -290,7 +290,7 @@ TEST(Blend, PassesOverImagesThatCannotBeHad) {
 }
 
 TEST(Blend, TakesImagesReducedToLargerTexels) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.take();
   const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   BlendConfig config;
@@ -301,7 +301,7 @@ TEST(Blend, TakesImagesReducedToLargerTexels) {
 }
 
 TEST(Blend, BoundsTheViewsOfAPlaceThatWasPassedManyTimes) {
-  SeenScene scene;
+  SyntheticSeafloor scene;
   scene.camera = sceneCamera();
   scene.paint = [](double, double) -> std::array<double, 3> { return {120, 80, 60}; };
   for (int i = 0; i < 60; ++i) scene.addView(0.001 * i, 0.0005 * i);
@@ -312,7 +312,7 @@ TEST(Blend, BoundsTheViewsOfAPlaceThatWasPassedManyTimes) {
 }
 
 TEST(Blend, DoesNotChangeFromOneCallToTheNext) {
-  SeenScene scene = fiveViews();
+  SyntheticSeafloor scene = fiveViews();
   scene.take();
   const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   const ViewIndex index(scene.views);

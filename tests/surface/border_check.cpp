@@ -197,7 +197,7 @@ BorderReport BorderCheck::run() const {
   const int coarsest = tiles_.rbegin()->first.level;
   for (const auto& [tile, sides] : tiles_) {
     for (std::size_t side = 0; side < kSides; ++side) {
-      // Across the side: a tile of the same level, or a coarser one whose side lies in the same plane. Of two
+      // Across the side: a tile of the same level, or a coarser one with a side in the same plane. Of two
       // tiles of one level the lower is asked once.
       TileId inside = tile, outside = beyond(tile, side);
       for (int level = tile.level; level <= coarsest; ++level) {

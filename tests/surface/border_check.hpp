@@ -48,7 +48,7 @@ class BorderCheck {
   using Place = std::array<std::int32_t, 3>;  // steps of the lattice
   struct Segment {
     Place from, to;    // from < to
-    std::int32_t net;  // times that faces run through it from `from` to `to`, less the other way
+    std::int32_t net;  // times that faces run through it from `from` to `to`, less the opposite direction
   };
   static constexpr std::size_t kSides = 4;  // low north, high north, low east, high east
   using Sides = std::array<std::vector<Segment>, kSides>;

@@ -4,7 +4,7 @@
 
 #include "recon/surface/atlas.hpp"
 #include "recon/surface/simplify.hpp"
-#include "tests/surface/made_tiles.hpp"
+#include "tests/surface/synthetic_tiles.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -12,19 +12,19 @@ namespace {
 using test::BorderCheck;
 using test::BorderReport;
 
-const TileGrid kGrid{.voxel = 0.033, .leaf_voxels = 32};
+const TileGrid kBorderGrid{.voxel = 0.033, .leaf_voxels = 32};
 
 // Two by eight leaf tiles and the two parents that they have, of the difficult seafloor.
-const std::vector<TileMesh>& family() {
+const std::vector<TileMesh>& borderFamily() {
   static const std::vector<TileMesh> tiles = [] {
     std::vector<TileMesh> out;
     for (int y = 0; y < 8; ++y)
       for (int x = 0; x < 2; ++x)
-        out.push_back(simplify(test::madeTile(test::difficultTerrain(7), kGrid, {0, x, y}), 1000));
+        out.push_back(simplify(test::syntheticTile(test::difficultTerrain(7), kBorderGrid, {0, x, y}), 1000));
     for (int y = 0; y < 2; ++y) {
       std::vector<const TileMesh*> children;
       for (std::size_t k = 0; k < 8; ++k) children.push_back(&out[8 * static_cast<std::size_t>(y) + k]);
-      out.push_back(simplify(joinTiles(children, kGrid, {1, 0, y}), 100));
+      out.push_back(simplify(joinTiles(children, kBorderGrid, {1, 0, y}), 100));
     }
     return out;
   }();
@@ -32,7 +32,7 @@ const std::vector<TileMesh>& family() {
 }
 
 BorderReport check(const std::vector<TileMesh>& tiles) {
-  BorderCheck borders(kGrid);
+  BorderCheck borders(kBorderGrid);
   for (const TileMesh& tile : tiles) borders.add(tile);
   return borders.run();
 }
@@ -45,7 +45,7 @@ std::uint32_t borderVertex(const TileMesh& tile) {
 }
 
 TEST(BorderCheck, TilesOfADifficultSurfaceJoinAtAllPairsOfLevels) {
-  const BorderReport report = check(family());
+  const BorderReport report = check(borderFamily());
   EXPECT_EQ(report.tiles, 18U);
   // 8 + 14 pairs of leaves, 4 of a leaf and the parent beside it, 1 of parents.
   EXPECT_EQ(report.pairs, 8U + 14U + 4U + 1U);
@@ -56,26 +56,26 @@ TEST(BorderCheck, TilesOfADifficultSurfaceJoinAtAllPairsOfLevels) {
 
 TEST(BorderCheck, SeamsOfTheTextureAreNoBorders) {
   std::vector<TileMesh> tiles;
-  for (const TileMesh& tile : family()) tiles.push_back(makeAtlas(tile, {.texel = 0.02}).tile.surface);
-  EXPECT_GT(tiles[0].mesh.vertices.size(), family()[0].mesh.vertices.size());
+  for (const TileMesh& tile : borderFamily()) tiles.push_back(makeAtlas(tile, {.texel = 0.02}).tile.surface);
+  EXPECT_GT(tiles[0].mesh.vertices.size(), borderFamily()[0].mesh.vertices.size());
   const BorderReport report = check(tiles);
   EXPECT_EQ(report.crack_count, 0U);
-  EXPECT_EQ(report.segments, check(family()).segments);
+  EXPECT_EQ(report.segments, check(borderFamily()).segments);
 }
 
 TEST(BorderCheck, SeesAVertexThatMovedByOneStepOfTheLattice) {
-  std::vector<TileMesh> tiles = family();
+  std::vector<TileMesh> tiles = borderFamily();
   tiles[0].mesh.vertices[borderVertex(tiles[0])].z() += static_cast<float>(TileGrid::kLattice);
   const BorderReport report = check(tiles);
   // Two segments of either tile, once between the leaves.
   EXPECT_GE(report.crack_count, 4U);
   ASSERT_FALSE(report.cracks.empty());
-  const double side = TileGrid::snap(kGrid.box({0, 0, 0})[3]);
+  const double side = TileGrid::snap(kBorderGrid.box({0, 0, 0})[3]);
   EXPECT_NEAR(report.cracks[0].ends[0].y(), side, 1e-9);
 }
 
 TEST(BorderCheck, SeesAVertexThatLeftTheLattice) {
-  std::vector<TileMesh> tiles = family();
+  std::vector<TileMesh> tiles = borderFamily();
   tiles[0].mesh.vertices[borderVertex(tiles[0])].z() += 0.0001F;
   const BorderReport report = check(tiles);
   EXPECT_EQ(report.off_lattice, 1U);
@@ -83,7 +83,7 @@ TEST(BorderCheck, SeesAVertexThatLeftTheLattice) {
 }
 
 TEST(BorderCheck, SeesASideThatWasSimplifiedOnOneSideOnly) {
-  std::vector<TileMesh> tiles = family();
+  std::vector<TileMesh> tiles = borderFamily();
   TileMesh loose = tiles[17];
   std::fill(loose.shared.begin(), loose.shared.end(), std::uint8_t{0});
   tiles[17] = simplify(loose, 50);
@@ -92,7 +92,7 @@ TEST(BorderCheck, SeesASideThatWasSimplifiedOnOneSideOnly) {
 }
 
 TEST(BorderCheck, SeesATriangleMissingInACoarserLevel) {
-  std::vector<TileMesh> tiles = family();
+  std::vector<TileMesh> tiles = borderFamily();
   TileMesh& parent = tiles[16];
   for (std::size_t t = 0; t < parent.mesh.triangles.size(); ++t) {
     const auto& [a, b, c] = parent.mesh.triangles[t];
@@ -104,7 +104,7 @@ TEST(BorderCheck, SeesATriangleMissingInACoarserLevel) {
 }
 
 TEST(BorderCheck, TheEndOfTheDataIsNoCrack) {
-  std::vector<TileMesh> tiles = {family()[0], family()[2]};
+  std::vector<TileMesh> tiles = {borderFamily()[0], borderFamily()[2]};
   ASSERT_EQ(tiles[1].tile, (TileId{0, 0, 1}));
   tiles[1].mesh.triangles.clear();
   const BorderReport report = check(tiles);

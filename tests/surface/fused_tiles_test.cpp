@@ -1,4 +1,4 @@
-// From fused range meshes to three levels of tiles: what the modules give each other fits together.
+// From fused range meshes to three levels of tiles: the modules' results fit together.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -7,14 +7,15 @@
 
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/surface/simplify.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 #include "tests/surface/border_check.hpp"
 #include "tests/surface/mesh_checks.hpp"
 
 namespace fathom::surface {
 namespace {
 
-const TileGrid kGrid{.voxel = 0.033, .leaf_voxels = 16};  // leaves of 0.53 m, so that a few meshes fill many
+const TileGrid kFusedGrid{.voxel = 0.033,
+                          .leaf_voxels = 16};  // leaves of 0.53 m, so that a few meshes fill many
 
 // Rolling ground with a step of 0.6 m, seen by a line of noisy footprints.
 std::vector<TileMesh> fusedLeaves() {
@@ -28,21 +29,22 @@ std::vector<TileMesh> fusedLeaves() {
     fusion.integrate(test::rangeMesh({.north = north, .east = 1.0, .sigma = 0.006}, ground, k),
                      Eigen::Vector3d(north, 1.0, 0));
   }
-  return fusion.extractTiles(kGrid);
+  return fusion.extractTiles(kFusedGrid);
 }
 
 std::vector<TileMesh> nextLevel(const std::vector<TileMesh>& tiles, double density) {
   std::map<TileId, std::vector<const TileMesh*>> children;
   for (const TileMesh& tile : tiles) children[TileGrid::parent(tile.tile)].push_back(&tile);
   std::vector<TileMesh> out;
-  for (const auto& [parent, all] : children) out.push_back(simplify(joinTiles(all, kGrid, parent), density));
+  for (const auto& [parent, all] : children)
+    out.push_back(simplify(joinTiles(all, kFusedGrid, parent), density));
   return out;
 }
 
 TEST(FusedTiles, JoinWithoutCracksOverThreeLevels) {
   std::vector<TileMesh> leaves = fusedLeaves();
   ASSERT_GT(leaves.size(), 20U);
-  test::BorderCheck before(kGrid);
+  test::BorderCheck before(kFusedGrid);
   for (TileMesh& leaf : leaves) before.add(leaf);
   const std::uint64_t segments = before.run().segments;
   EXPECT_EQ(before.run().crack_count, 0U);
@@ -50,12 +52,12 @@ TEST(FusedTiles, JoinWithoutCracksOverThreeLevels) {
   SimplifyCounts counts;
   for (TileMesh& leaf : leaves) leaf = simplify(leaf, 1000, &counts);
   EXPECT_EQ(counts.stranded, 0U);
-  EXPECT_EQ(counts.pinned, 0U);  // what was fused is a manifold
+  EXPECT_EQ(counts.pinned, 0U);  // the fused surface is a manifold
   const std::vector<TileMesh> parents = nextLevel(leaves, 100), roots = nextLevel(parents, 10);
   ASSERT_GT(parents.size(), 1U);
   const std::array<const std::vector<TileMesh>*, 3> levels = {&leaves, &parents, &roots};
 
-  test::BorderCheck after(kGrid);
+  test::BorderCheck after(kFusedGrid);
   for (const auto* level : levels)
     for (const TileMesh& tile : *level) after.add(tile);
   const test::BorderReport report = after.run();

@@ -6,14 +6,14 @@
 #include <cstring>
 
 #include "recon/surface/atlas.hpp"
-#include "recon/surface/nearest_triangle.hpp"
-#include "tests/surface/made_tiles.hpp"
+#include "recon/surface/surface_error.hpp"
 #include "tests/surface/mesh_checks.hpp"
+#include "tests/surface/synthetic_tiles.hpp"
 
 namespace fathom::surface {
 namespace {
 
-using test::madeTile;
+using test::syntheticTile;
 using test::topologyOf;
 
 double areaOf(const Mesh& mesh) {
@@ -25,7 +25,7 @@ double areaOf(const Mesh& mesh) {
   return area;
 }
 
-// Segments of the mesh's border whose ends are shared by one side, by position.
+// Segments of the mesh's border with both ends shared by one side, by position.
 std::set<std::array<float, 6>> sharedChain(const TileMesh& tile) {
   std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
   for (const auto& t : tile.mesh.triangles)
@@ -44,7 +44,7 @@ std::set<std::array<float, 6>> sharedChain(const TileMesh& tile) {
   return chain;
 }
 
-// Faces whose normal points against that of the nearest place of the other surface.
+// Faces with a normal against that of the nearest place of the other surface.
 std::size_t flipped(const Mesh& mesh, const Mesh& original) {
   const NearestTriangle nearest(original);
   std::size_t count = 0;
@@ -101,12 +101,12 @@ void expectSameTopology(const Mesh& mesh, const Mesh& original) {
 }
 
 const TileMesh& openSeafloor() {
-  static const TileMesh tile = madeTile(test::noisyTerrain(0.004, 3), TileGrid{}, {0, 2, -1});
+  static const TileMesh tile = syntheticTile(test::noisyTerrain(0.004, 3), TileGrid{}, {0, 2, -1});
   return tile;
 }
 
 const TileMesh& difficultSeafloor() {
-  static const TileMesh tile = madeTile(test::difficultTerrain(7), TileGrid{}, {0, 0, 0});
+  static const TileMesh tile = syntheticTile(test::difficultTerrain(7), TileGrid{}, {0, 0, 0});
   return tile;
 }
 
@@ -248,7 +248,7 @@ Mesh sheet(int columns, int rows, const Eigen::Vector3f& origin, const Eigen::Ve
   return mesh;
 }
 
-// Both meshes, vertices of one place made one.
+// Both meshes, vertices of one place joined.
 TileMesh welded(const Mesh& a, const Mesh& b) {
   TileMesh out;
   std::map<std::array<float, 3>, std::uint32_t> number;
@@ -364,7 +364,7 @@ TEST(JoinTiles, WeldsWhatTilesShareAndKeepsTheBordersOfAllOfThem) {
   std::vector<TileMesh> tiles;
   for (int x = 0; x < 4; ++x)
     for (int y = 0; y < 4; ++y)
-      tiles.push_back(madeTile(test::noisyTerrain(0.004, 3), grid, {0, x - 4, y}, 1.5, 2.5));
+      tiles.push_back(syntheticTile(test::noisyTerrain(0.004, 3), grid, {0, x - 4, y}, 1.5, 2.5));
   std::vector<const TileMesh*> pointers;
   for (const TileMesh& tile : tiles) pointers.push_back(&tile);
   const TileMesh joined = joinTiles(pointers, grid, {1, -1, 0});

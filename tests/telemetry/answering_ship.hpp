@@ -6,20 +6,19 @@
 #include <random>
 #include <set>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {
 
-inline constexpr std::int64_t kSecond_ns = 1'000'000'000;
-inline constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
-
 // Of tests with an answering ship.
 inline LinkSchedulerConfig someConfig() {
   LinkSchedulerConfig config;
-  config.identity = {7, 1234};
+  config.identity = kOurs;
   config.rate_bps = 2000;
   config.frame_bytes = 64;
   config.max_delay_s = 0.2;
@@ -37,14 +36,14 @@ struct Ship {
   MapPacketDecoder decoder;
   DecodedMapPacket packet;
   std::map<BlockKey, MapBlock> map;
-  Report report;
+  StateReport report;
   std::uint16_t health = 0;
-  std::set<std::int64_t> track;  // times of the points heard
+  std::set<std::int64_t> track;  // times of the points received
 
-  void hear(std::span<const std::uint8_t> frame) {
+  void receive(std::span<const std::uint8_t> frame) {
     receiver.accept(frame, [&](const LinkReceiver::Message& message) {
       Status status;
-      if (message.type == MessageType::kReport && decodeReport(message.payload, report))
+      if (message.type == MessageType::kReport && decodeStateReport(message.payload, report))
         health = report.health;
       if (message.type == MessageType::kStatus && decodeStatus(message.payload, status))
         health = status.health;
@@ -86,7 +85,7 @@ struct Ship {
       while (const std::size_t size = scheduler.nextFrame(now, buffer)) {
         const auto frame = std::span<const std::uint8_t>(buffer).first(size);
         if (lost()) continue;
-        hear(frame);
+        receive(frame);
         if (answers && receiver.turn() && !lost()) scheduler.acknowledge(receiver.acknowledgement(), now);
       }
   }

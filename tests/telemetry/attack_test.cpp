@@ -7,25 +7,17 @@
 #include <set>
 #include <vector>
 
-#include "realtime/kernel/crc32.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/units.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/ship/link_receiver.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
-constexpr LinkIdentity kOurs{7, 1234};
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 constexpr std::int64_t kWeek_ns = 7 * 86'400 * kSecond_ns;
 constexpr int kTrue = 2000, kFalseEach = 500;
-
-LinkKey keyOf(std::uint8_t secret) {
-  std::array<std::uint8_t, LinkKey::kBytes> bytes{};
-  bytes.fill(secret);
-  return LinkKey(bytes);
-}
 
 Bytes noise(std::mt19937& random, std::size_t most) {
   Bytes bytes(1 + random() % most);
@@ -35,9 +27,7 @@ Bytes noise(std::mt19937& random, std::size_t most) {
 
 Bytes framed(Version version, std::span<const std::uint8_t> body, const FrameTag& tag,
              MessageType type = MessageType::kMapPacket) {
-  Bytes out(kMaxFrameBytes);
-  out.resize(encodeFrame({kOurs, version, type}, body, out, tag));
-  return out;
+  return frameWith({kOurs, version, type}, body, tag);
 }
 
 Bytes altered(std::mt19937& random, const Bytes& frame) {
@@ -155,31 +145,31 @@ TEST(Attack, OfAMillionFalseFramesNoneIsObeyedAndNoTrueFrameWaits) {
       }
       ASSERT_NE(vehicle.accept(now_ns, frame, sent_lately).verdict, DownlinkVerdict::kAccepted);
     }
-    const auto heard = vehicle.accept(now_ns, next, sent_lately);
-    ASSERT_EQ(heard.verdict, DownlinkVerdict::kAccepted) << k;
-    obeyed += heard.content.request ? 1 : 0;
+    const auto result = vehicle.accept(now_ns, next, sent_lately);
+    ASSERT_EQ(result.verdict, DownlinkVerdict::kAccepted) << k;
+    obeyed += result.content.request ? 1 : 0;
     said.push_back(next);
   }
   EXPECT_EQ(obeyed, vehicle.counters().requests);
   EXPECT_GT(obeyed, static_cast<std::uint64_t>(kTrue) / 2);
 }
 
-// A ship whose clock is far off, or that hears a recording of another year: two frames, and it follows.
+// A ship whose clock is far off, or that receives a recording of another year, follows after two frames.
 TEST(Attack, AShipWhoseClockIsYearsOffFollowsTheVehicleAfterTwoFrames) {
   const FrameTag tag(keyOf(1));
   LinkReceiver ship(kOurs, tag);
   const Bytes body(20, 3);
-  std::vector<Version> heard;
+  std::vector<Version> received;
   for (Version k = 0; k < 10; ++k)
     (void)ship.accept(
         framed(firstVersion(kStart_ns) + k, body, tag),
         [&](const LinkReceiver::Message& m) {
-          heard.push_back(m.version);
+          received.push_back(m.version);
           return true;
         },
         kStart_ns - 100 * kWeek_ns + k * 5 * kSecond_ns);
-  EXPECT_EQ(heard.size(), 9U);
-  EXPECT_EQ(heard.front(), firstVersion(kStart_ns) + 1);
+  EXPECT_EQ(received.size(), 9U);
+  EXPECT_EQ(received.front(), firstVersion(kStart_ns) + 1);
 }
 
 TEST(Attack, AnotherDiveOfTheSameNumbersTakesThePlaceOfTheOneBefore) {

@@ -5,16 +5,14 @@
 #include <random>
 #include <vector>
 
+#include "tests/telemetry/sample_frames.hpp"
+
 namespace fathom::telemetry {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
-
 Bytes linkFrame(std::uint16_t sequence, std::size_t payload_bytes) {
   const Bytes payload(payload_bytes, static_cast<std::uint8_t>(sequence));
-  Bytes out(kMaxFrameBytes);
-  out.resize(encodeFrame({{3, 17}, sequence, MessageType::kTrack}, payload, out));
-  return out;
+  return frameWith({{3, 17}, sequence, MessageType::kTrack}, payload);
 }
 
 std::vector<Bytes> split(std::span<const std::uint8_t> modem_frame) {
@@ -79,10 +77,10 @@ TEST(Bundle, SaysBeforehandHowLongItWillBe) {
   ModemFrameWriter writer(out, false);
   for (const std::size_t payload : {5U, 22U, 100U}) {
     const Bytes frame = linkFrame(1, payload);
-    const std::size_t told = writer.bytesWith(frame.size());
+    const std::size_t predicted = writer.bytesWith(frame.size());
     std::copy(frame.begin(), frame.end(), writer.room().begin());
     writer.add(frame.size());
-    EXPECT_EQ(writer.finish(), told);
+    EXPECT_EQ(writer.finish(), predicted);
   }
 }
 
@@ -96,7 +94,7 @@ TEST(Bundle, CutShortItGivesTheLinkFramesThatAreWhole) {
   }
 }
 
-TEST(Bundle, OfAnyBytesGivesPiecesThatLieInside) {
+TEST(Bundle, OfAnyBytesGivesPiecesInsideThem) {
   std::mt19937 random(7);
   for (int run = 0; run < 20000; ++run) {
     Bytes noise(random() % 300);

@@ -1,4 +1,5 @@
 #include "telemetry/wire/downlink_messages.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +9,6 @@
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kNow_ns = 1'790'000'000 * kSecond_ns + 123'000'000;
 // What a frame of 32 B has left when its header, CRC and signature of 5 B are in.
 constexpr std::size_t kSmallest = 17;
@@ -125,24 +125,24 @@ TEST(DownlinkMessages, TheLargestRequestSurvivesItsOwnRounding) {
 TEST(DownlinkMessages, AnAcknowledgementSpeaksOfAsManyFramesAsItsFrameHoldsAndOfNoOthers) {
   Acknowledgement sent;
   sent.valid = true;
-  sent.newest = 5;  // the frames before it lie on the other side of the wrap
+  sent.newest = 5;  // the frames before it are beyond the wrap
   sent.reach = Acknowledgement::kMaxReach;
   for (std::size_t i = 0; i < sent.reach; i += 3) sent.before.set(i);
   const auto small = roundTrip({{}, {}, sent}).content.acknowledgement;
   ASSERT_TRUE(small);
   EXPECT_EQ(small->reach, 83U);
-  EXPECT_EQ(small->heard(5), true);
-  EXPECT_EQ(small->heard(4), true);
-  EXPECT_EQ(small->heard(3), false);
-  EXPECT_EQ(small->heard(65536 - 78), false);  // bit 82
-  EXPECT_EQ(small->heard(65536 - 79), std::nullopt);
-  EXPECT_EQ(small->heard(6), std::nullopt);
+  EXPECT_EQ(small->received(5), true);
+  EXPECT_EQ(small->received(4), true);
+  EXPECT_EQ(small->received(3), false);
+  EXPECT_EQ(small->received(65536 - 78), false);  // bit 82
+  EXPECT_EQ(small->received(65536 - 79), std::nullopt);
+  EXPECT_EQ(small->received(6), std::nullopt);
   const auto whole = roundTrip({{}, {}, sent}, 40).content.acknowledgement;
   ASSERT_TRUE(whole);
   EXPECT_EQ(*whole, sent);
 }
 
-TEST(DownlinkMessages, AnAcknowledgementTellsHowManyFramesLackBeforeThoseItSpeaksOf) {
+TEST(DownlinkMessages, AnAcknowledgementSaysHowManyFramesLackBeforeThoseItLists) {
   for (const std::uint16_t lacking :
        {std::uint16_t{8}, std::uint16_t{200}, std::uint16_t{0xFFFE}, Acknowledgement::kAll})
     for (std::size_t reach = 0; reach < 40; ++reach) {
@@ -155,7 +155,7 @@ TEST(DownlinkMessages, AnAcknowledgementTellsHowManyFramesLackBeforeThoseItSpeak
       const auto got = roundTrip({{}, {}, sent}).content.acknowledgement;
       ASSERT_TRUE(got);
       for (std::uint32_t back = 0; back < 70000; back += back < 300 ? 1 : 1001)
-        ASSERT_EQ(got->heardBack(back), sent.heardBack(back)) << lacking << ' ' << reach << ' ' << back;
+        ASSERT_EQ(got->receivedBack(back), sent.receivedBack(back)) << lacking << ' ' << reach << ' ' << back;
     }
 }
 

@@ -1,4 +1,5 @@
 #include "telemetry/downlink/downlink.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,19 +7,10 @@
 #include <random>
 #include <vector>
 
+#include "tests/telemetry/sample_frames.hpp"
+
 namespace fathom::telemetry {
 namespace {
-
-constexpr LinkIdentity kIdentity{3, 17};
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
-using Bytes = std::vector<std::uint8_t>;
-
-LinkKey keyOf(std::uint8_t first) {
-  std::array<std::uint8_t, LinkKey::kBytes> secret{};
-  secret[0] = first;
-  return LinkKey(secret);
-}
 
 Bytes frameOf(DownlinkSender& sender, std::int64_t utc_ns) {
   std::array<std::uint8_t, kMaxFrameBytes> buffer{};
@@ -49,8 +41,15 @@ UsblFixMessage fixAt(std::int64_t utc_ns) {
 
 class Downlink : public testing::Test {
  protected:
-  DownlinkSender ship{kIdentity, keyOf(1)};
-  DownlinkReceiver vehicle{kIdentity, keyOf(1), kStart_ns};
+  DownlinkSender ship{kOurs, keyOf(1)};
+  DownlinkReceiver vehicle{kOurs, keyOf(1), kStart_ns};
+  // Requests that wait to be said.
+  [[nodiscard]] std::size_t waiting() const {
+    std::size_t count = 0;
+    for (std::size_t id = 0; id < DownlinkSender::kMaxRequests; ++id)
+      count += ship.waits(static_cast<std::uint8_t>(id)) ? 1 : 0;
+    return count;
+  }
 };
 
 TEST_F(Downlink, WhatTheShipSaysArrivesInTheSmallestFrames) {
@@ -91,7 +90,7 @@ TEST_F(Downlink, AnAcknowledgementIsSaidAtLeastEverySecondTurn) {
 }
 
 TEST_F(Downlink, ALargeFrameSaysAllAtOnce) {
-  DownlinkSender sender(kIdentity, keyOf(1), 96);
+  DownlinkSender sender(kOurs, keyOf(1), 96);
   sender.acknowledge(acknowledgementOf(500));
   (void)sender.addFix(fixAt(kStart_ns));
   (void)sender.request(requestOf(Request::Kind::kDetail));
@@ -124,9 +123,9 @@ TEST_F(Downlink, RecordingsFromBeforeTheDiveAreRefusedByAVehicleThatJustStarted)
   EXPECT_EQ(vehicle.accept(kStart_ns, early).verdict, DownlinkVerdict::kOld);
 }
 
-TEST_F(Downlink, ARestartedShipIsHeardAtOnce) {
+TEST_F(Downlink, ARestartedShipIsAcceptedAtOnce) {
   for (int run = 0; run < 3; ++run) {
-    DownlinkSender sender(kIdentity, keyOf(1));
+    DownlinkSender sender(kOurs, keyOf(1));
     sender.acknowledge(acknowledgementOf(1));
     EXPECT_EQ(vehicle.accept(kStart_ns, frameOf(sender, kStart_ns + (1 + run) * kSecond_ns)).verdict,
               DownlinkVerdict::kAccepted);
@@ -157,28 +156,27 @@ TEST_F(Downlink, FramesOfAnotherKeyVehicleOrDiveChangeNothing) {
     (void)sender.request(requestOf(Request::Kind::kPauseMap));
     return vehicle.accept(kStart_ns, frameOf(sender, kStart_ns + kSecond_ns));
   };
-  EXPECT_EQ(say(kIdentity, keyOf(2)).verdict, DownlinkVerdict::kBadSignature);
-  EXPECT_EQ(say(kIdentity, std::nullopt).verdict, DownlinkVerdict::kUnsigned);
-  EXPECT_EQ(say({4, 17}, keyOf(1)).verdict, DownlinkVerdict::kForeign);
-  EXPECT_EQ(say({3, 18}, keyOf(1)).verdict, DownlinkVerdict::kForeign);
+  EXPECT_EQ(say(kOurs, keyOf(2)).verdict, DownlinkVerdict::kBadSignature);
+  EXPECT_EQ(say(kOurs, std::nullopt).verdict, DownlinkVerdict::kUnsigned);
+  EXPECT_EQ(say({8, 1234}, keyOf(1)).verdict, DownlinkVerdict::kForeign);
+  EXPECT_EQ(say({7, 1235}, keyOf(1)).verdict, DownlinkVerdict::kForeign);
   EXPECT_EQ(vehicle.counters().refused(), 4U);
   EXPECT_EQ(vehicle.counters().requests, 0U);
   // None of them has moved the counter.
-  const auto good = say(kIdentity, keyOf(1));
+  const auto good = say(kOurs, keyOf(1));
   EXPECT_EQ(good.verdict, DownlinkVerdict::kAccepted);
   EXPECT_TRUE(good.content.request);
 }
 
 TEST_F(Downlink, AFrameSignedForAnotherDiveDoesNotPassUnderThisOnesName) {
-  DownlinkSender sender({3, 18}, keyOf(1));
+  DownlinkSender sender({7, 1235}, keyOf(1));
   (void)sender.request(requestOf(Request::Kind::kPauseMap));
   const Bytes frame = frameOf(sender, kStart_ns + kSecond_ns);
   FrameHeader header;
-  header.identity = kIdentity;
+  header.identity = kOurs;
   header.type = MessageType::kDownlink;
-  std::array<std::uint8_t, kMaxFrameBytes> buffer{};
-  const std::size_t size = encodeFrame(header, decodeFrame(frame).payload, buffer);
-  EXPECT_EQ(vehicle.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kBadSignature);
+  EXPECT_EQ(vehicle.accept(kStart_ns, frameWith(header, decodeFrame(frame).payload)).verdict,
+            DownlinkVerdict::kBadSignature);
 }
 
 TEST_F(Downlink, AChangedBitAnywhereIsNotAccepted) {
@@ -189,16 +187,15 @@ TEST_F(Downlink, AChangedBitAnywhereIsNotAccepted) {
   for (std::size_t bit = 0; bit < 8 * payload.size(); ++bit) {
     Bytes changed(payload.begin(), payload.end());
     changed[bit / 8] ^= static_cast<std::uint8_t>(1U << bit % 8);
-    std::array<std::uint8_t, kMaxFrameBytes> buffer{};
-    const std::size_t size = encodeFrame(header, changed, buffer);  // the forger makes the CRC good
-    DownlinkReceiver receiver(kIdentity, keyOf(1), kStart_ns);
-    EXPECT_NE(receiver.accept(kStart_ns, std::span(buffer).first(size)).verdict, DownlinkVerdict::kAccepted)
+    DownlinkReceiver receiver(kOurs, keyOf(1), kStart_ns);
+    // The forger makes the tag good.
+    EXPECT_NE(receiver.accept(kStart_ns, frameWith(header, changed)).verdict, DownlinkVerdict::kAccepted)
         << bit;
   }
 }
 
 TEST_F(Downlink, AFloodOfForgeriesHidesNoTrueFrame) {
-  DownlinkSender forger(kIdentity, keyOf(9));
+  DownlinkSender forger(kOurs, keyOf(9));
   forger.acknowledge(acknowledgementOf(1));
   for (int k = 1; k <= 100; ++k) {
     const std::int64_t now_ns = kStart_ns + k * kSecond_ns;
@@ -220,13 +217,13 @@ TEST_F(Downlink, WhatWasHeldBackForHoursIsNotObeyed) {
   EXPECT_TRUE(result.content.empty());
 }
 
-TEST_F(Downlink, AShipWhoseClockIsYearsOffOrIsSetBackIsHeardByWhatItHasHeard) {
+TEST_F(Downlink, AShipWithAClockYearsOffOrSetBackIsAcceptedByItsAcknowledgements) {
   constexpr std::int64_t kYear_ns = 365LL * 86400 * kSecond_ns;
-  DownlinkReceiver receiver(kIdentity, keyOf(1), kStart_ns);
+  DownlinkReceiver receiver(kOurs, keyOf(1), kStart_ns);
   const auto sent_lately = [](const Acknowledgement& a) { return std::optional<Version>(a.newest); };
   std::uint16_t newest = 0;
   for (const std::int64_t off_ns : {2 * kYear_ns, std::int64_t{0}, -kYear_ns, 600 * kSecond_ns}) {
-    DownlinkSender sender(kIdentity, keyOf(1));
+    DownlinkSender sender(kOurs, keyOf(1));
     sender.acknowledge(acknowledgementOf(++newest));
     const std::int64_t now_ns = kStart_ns + newest * 60 * kSecond_ns;
     const Bytes frame = frameOf(sender, now_ns + off_ns);
@@ -235,10 +232,10 @@ TEST_F(Downlink, AShipWhoseClockIsYearsOffOrIsSetBackIsHeardByWhatItHasHeard) {
   }
 }
 
-TEST_F(Downlink, AShipThatWasStartedAgainIsObeyedThoughItsRequestsAreCountedAnew) {
+TEST_F(Downlink, AShipThatWasStartedAgainIsObeyedThoughItCountsItsRequestsFromZero) {
   std::int64_t now_ns = kStart_ns;
   for (const auto kind : {Request::Kind::kPauseMap, Request::Kind::kResumeMap, Request::Kind::kPauseMap}) {
-    DownlinkSender started_again(kIdentity, keyOf(1));
+    DownlinkSender started_again(kOurs, keyOf(1));
     (void)started_again.request(requestOf(kind));  // id 0, every time
     now_ns += 20 * kSecond_ns;
     const auto result = vehicle.accept(now_ns, frameOf(started_again, now_ns));
@@ -249,8 +246,8 @@ TEST_F(Downlink, AShipThatWasStartedAgainIsObeyedThoughItsRequestsAreCountedAnew
 
 TEST_F(Downlink, WithoutAKeyOnBoardAcknowledgementsAndFixesCountButNoRequests) {
   for (const bool is_signed : {false, true}) {
-    DownlinkReceiver receiver(kIdentity, std::nullopt, kStart_ns);
-    DownlinkSender sender(kIdentity, is_signed ? std::optional(keyOf(1)) : std::nullopt, 96);
+    DownlinkReceiver receiver(kOurs, std::nullopt, kStart_ns);
+    DownlinkSender sender(kOurs, is_signed ? std::optional(keyOf(1)) : std::nullopt, 96);
     sender.acknowledge(acknowledgementOf(1));
     (void)sender.addFix(fixAt(kStart_ns));
     (void)sender.request(requestOf(Request::Kind::kPauseMap));
@@ -271,31 +268,27 @@ TEST_F(Downlink, NoiseAndUplinkFramesAreCountedAndNothingElse) {
     EXPECT_EQ(vehicle.accept(kStart_ns, noise).verdict, DownlinkVerdict::kBadFrame);
   }
   FrameHeader header;
-  header.identity = kIdentity;
+  header.identity = kOurs;
   header.type = MessageType::kStatus;
-  std::array<std::uint8_t, kMaxFrameBytes> buffer{};
-  const Bytes payload(22, 1);
-  EXPECT_EQ(vehicle.accept(kStart_ns, std::span(buffer).first(encodeFrame(header, payload, buffer))).verdict,
-            DownlinkVerdict::kBadFrame);
+  EXPECT_EQ(vehicle.accept(kStart_ns, frameWith(header, Bytes(22, 1))).verdict, DownlinkVerdict::kBadFrame);
   // Downlink frames whose payload is noise, of every length.
   header.type = MessageType::kDownlink;
   for (std::size_t size = 0; size <= kMaxFrameBytes - kFrameOverhead; ++size) {
     Bytes noise(size);
     for (std::uint8_t& b : noise) b = static_cast<std::uint8_t>(random());
-    EXPECT_NE(vehicle.accept(kStart_ns, std::span(buffer).first(encodeFrame(header, noise, buffer))).verdict,
-              DownlinkVerdict::kAccepted);
+    EXPECT_NE(vehicle.accept(kStart_ns, frameWith(header, noise)).verdict, DownlinkVerdict::kAccepted);
   }
 }
 
-TEST_F(Downlink, ANewerWishTakesThePlaceOfTheOneItMakesVoid) {
+TEST_F(Downlink, ANewerRequestTakesThePlaceOfTheOneItMakesVoid) {
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kPauseMap)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kRate)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kResumeMap)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kRate)));
-  EXPECT_EQ(ship.requestsWaiting(), 2U);
+  EXPECT_EQ(waiting(), 2U);
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
   ASSERT_TRUE(ship.request(requestOf(Request::Kind::kDetail)));
-  EXPECT_EQ(ship.requestsWaiting(), 4U);
+  EXPECT_EQ(waiting(), 4U);
 }
 
 TEST_F(Downlink, RequestsAreBoundedConfirmedAndForgottenAfterTheirRepetitions) {
@@ -306,10 +299,10 @@ TEST_F(Downlink, RequestsAreBoundedConfirmedAndForgottenAfterTheirRepetitions) {
   wrong.rate_bps = 1e9;
   EXPECT_FALSE(ship.request(wrong));
   ship.confirm(0);
-  EXPECT_EQ(ship.requestsWaiting(), DownlinkSender::kMaxRequests) << "not said yet: an older one of this id";
+  EXPECT_EQ(waiting(), DownlinkSender::kMaxRequests) << "not said yet: an older one of this id";
   (void)frameOf(ship, kStart_ns);
   ship.confirm(0);
-  EXPECT_EQ(ship.requestsWaiting(), DownlinkSender::kMaxRequests - 1);
+  EXPECT_EQ(waiting(), DownlinkSender::kMaxRequests - 1);
   int frames = 1;
   while (!frameOf(ship, kStart_ns).empty()) ++frames;
   EXPECT_EQ(frames, 1 + DownlinkSender::kRepetitions * static_cast<int>(DownlinkSender::kMaxRequests - 1));

@@ -1,28 +1,20 @@
 #include "telemetry/wire/frame.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
 #include <array>
 #include <vector>
 
-#include "realtime/kernel/crc32.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr LinkIdentity kOurs{7, 1234};
-
-std::vector<std::uint8_t> makeFrame(std::uint16_t sequence, std::size_t payload = 20,
-                                    LinkIdentity identity = kOurs) {
-  std::vector<std::uint8_t> body(payload), out(kMaxFrameBytes);
-  for (std::size_t i = 0; i < payload; ++i) body[i] = static_cast<std::uint8_t>(sequence + i);
-  out.resize(encodeFrame({identity, sequence, MessageType::kTrack}, body, out));
-  return out;
-}
-
 TEST(Frame, RoundTripsAtEverySize) {
   for (std::size_t payload = 0; payload <= kMaxFrameBytes - kFrameOverhead; ++payload) {
-    const auto bytes = makeFrame(static_cast<std::uint16_t>(60000 + payload), payload);
+    const auto bytes = countingFrame(static_cast<std::uint16_t>(60000 + payload), payload);
     ASSERT_EQ(bytes.size(), payload + kFrameOverhead);
     const DecodedFrame frame = decodeFrame(bytes);
     ASSERT_EQ(frame.verdict, FrameVerdict::kAccepted);
@@ -54,7 +46,7 @@ TEST(Frame, IsNotEncodedWhenItDoesNotFit) {
 }
 
 TEST(Frame, TruncatedAtAnyByteIsRejected) {
-  const auto bytes = makeFrame(9, 40);
+  const auto bytes = countingFrame(9, 40);
   for (std::size_t n = 0; n < bytes.size(); ++n) {
     const FrameVerdict verdict = decodeFrame(std::span(bytes).first(n)).verdict;
     EXPECT_EQ(verdict, n < kFrameOverhead ? FrameVerdict::kTooShort : FrameVerdict::kBadTag) << n;
@@ -63,7 +55,7 @@ TEST(Frame, TruncatedAtAnyByteIsRejected) {
 }
 
 TEST(Frame, AnySingleFlippedBitIsRejected) {
-  const auto good = makeFrame(77, 40);
+  const auto good = countingFrame(77, 40);
   for (std::size_t bit = 0; bit < good.size() * 8; ++bit) {
     auto bytes = good;
     bytes[bit / 8] = static_cast<std::uint8_t>(bytes[bit / 8] ^ 1U << bit % 8);
@@ -71,18 +63,18 @@ TEST(Frame, AnySingleFlippedBitIsRejected) {
   }
 }
 
-// The last four bytes as every protocol before this one made them.
+// The last four bytes as every protocol before this one had them.
 void endWithCrc(std::span<std::uint8_t> bytes) {
   const std::uint32_t crc = crc32(bytes.first(bytes.size() - 4));
   for (std::size_t i = 0; i < 4; ++i)
     bytes[bytes.size() - 4 + i] = static_cast<std::uint8_t>(crc >> (24 - 8 * i));
 }
 
-TEST(Frame, AnotherVersionIsToldFromDamageAndRecordingsOfTheVersionsBeforeAreRead) {
+TEST(Frame, AnotherVersionIsNotDamageAndRecordingsOfTheVersionsBeforeAreRead) {
   for (const auto& [version, verdict] :
        {std::pair{1U, FrameVerdict::kVersion}, std::pair{2U, FrameVerdict::kAccepted},
         std::pair{3U, FrameVerdict::kAccepted}}) {
-    auto bytes = makeFrame(300);
+    auto bytes = countingFrame(300);
     bytes[0] = static_cast<std::uint8_t>((bytes[0] & 15U) | version << 4);
     EXPECT_EQ(decodeFrame(bytes).verdict, FrameVerdict::kBadTag) << version;
     endWithCrc(bytes);
@@ -92,9 +84,7 @@ TEST(Frame, AnotherVersionIsToldFromDamageAndRecordingsOfTheVersionsBeforeAreRea
 }
 
 FrameTag keyed(std::uint8_t secret) {
-  std::array<std::uint8_t, LinkKey::kBytes> bytes{};
-  bytes.fill(secret);
-  return FrameTag(LinkKey(bytes));
+  return FrameTag(keyOf(secret));
 }
 
 TEST(Frame, AKeyedFrameIsWholeOnlyWithItsKeyAndItsLap) {
@@ -117,7 +107,7 @@ TEST(Frame, AKeyedFrameIsWholeOnlyWithItsKeyAndItsLap) {
 }
 
 TEST(Frame, WhereAKeyIsAskedForNothingWithoutOneIsTakenHoweverOld) {
-  auto bytes = makeFrame(5);
+  auto bytes = countingFrame(5);
   const std::array<std::uint16_t, 1> laps{0};
   EXPECT_EQ(decodeFrame(bytes, keyed(1), laps).verdict, FrameVerdict::kUnkeyed);
   bytes[0] = static_cast<std::uint8_t>((bytes[0] & 15U) | 3U << 4);
@@ -126,11 +116,10 @@ TEST(Frame, WhereAKeyIsAskedForNothingWithoutOneIsTakenHoweverOld) {
 }
 
 TEST(Frame, TheFirstVersionRisesFromDiveToDive) {
-  constexpr std::int64_t kHour_ns = 3600 * std::int64_t{1'000'000'000};
-  constexpr std::int64_t kNow_ns = 1'790'000'000 * std::int64_t{1'000'000'000};
+  constexpr std::int64_t kHour_ns = 3600 * kSecond_ns;
   for (int hours = 0; hours < 100; ++hours)
-    EXPECT_GT(firstVersion(kNow_ns + (hours + 2) * kHour_ns), firstVersion(kNow_ns + hours * kHour_ns));
-  for (const std::int64_t start_ns : {std::int64_t{0}, -kNow_ns, 2 * kNow_ns})
+    EXPECT_GT(firstVersion(kStart_ns + (hours + 2) * kHour_ns), firstVersion(kStart_ns + hours * kHour_ns));
+  for (const std::int64_t start_ns : {std::int64_t{0}, -kStart_ns, 2 * kStart_ns})
     EXPECT_GE(firstVersion(start_ns), 0x10000U);
 }
 

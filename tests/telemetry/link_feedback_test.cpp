@@ -9,7 +9,8 @@
 #include <set>
 #include <vector>
 
-#include "realtime/kernel/heap_counter.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
@@ -152,7 +153,7 @@ TEST(LinkFeedback, AShipThatHasLostItsFileGetsAgainWhatItHadAcknowledged) {
   ship.map.clear();
   Status status;
   status.utc_ns = ship.now;
-  scheduler.setStatus(status);  // something to hear
+  scheduler.setStatus(status);  // something to receive
   ship.converse(scheduler, 300, 0.1);
   for (int n = 0; n < 8; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << n;
   EXPECT_GE(scheduler.counters().blocks.missed, 8U * 16);
@@ -172,12 +173,12 @@ TEST(LinkFeedback, AShipThatComesAfterHoursAndNeverAnswersGetsAllInTheEnd) {
   for (int n = 0; n < kTiles; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.1001) << n;
 }
 
-TEST(LinkFeedback, GroundThatIsEmptiedGoesThoughItGaveWayInThePoolAndItsFrameIsLost) {
+TEST(LinkFeedback, GroundThatIsEmptiedGoesThoughItWasEvictedAndItsFrameIsLost) {
   LinkSchedulerConfig config = someConfig();
   config.blocks.max_squares = 4;
   LinkScheduler scheduler(config);
   std::set<std::int32_t> again;
-  scheduler.onGaveWay([&](const BlockQueue::Whole& square, bool) { again.insert(square.north); });
+  scheduler.onEvicted([&](const BlockQueue::Whole& square, bool) { again.insert(square.north); });
   Ship ship;
   HeightTile empty = sampleTile(0, 0);
   for (auto& node : empty.nodes) node.coverage = 0;
@@ -191,10 +192,10 @@ TEST(LinkFeedback, GroundThatIsEmptiedGoesThoughItGaveWayInThePoolAndItsFrameIsL
   ship.converse(scheduler, 120, 0);
   EXPECT_EQ(ship.shown(0), 0);
   EXPECT_EQ(ship.shown(1), 256);
-  EXPECT_TRUE(again.empty());  // all had word before they gave way
+  EXPECT_TRUE(again.empty());  // all had word before they were evicted
 }
 
-TEST(LinkFeedback, AVehicleThatRestartsIsHeardAgain) {
+TEST(LinkFeedback, AVehicleThatRestartsIsReceivedAgain) {
   Ship ship;
   for (int life = 0; life < 3; ++life) {
     LinkScheduler scheduler(someConfig());
@@ -205,7 +206,7 @@ TEST(LinkFeedback, AVehicleThatRestartsIsHeardAgain) {
   EXPECT_EQ(ship.receiver.counters().resyncs, 2U);
 }
 
-TEST(LinkFeedback, WithoutAnyoneWhoAnswersRepairFramesMakeUpForTheLoss) {
+TEST(LinkFeedback, WithoutAnswersRepairFramesMakeUpForTheLoss) {
   LinkSchedulerConfig config = someConfig();
   config.half_duplex = false;
   config.loss_rate = 0.3;

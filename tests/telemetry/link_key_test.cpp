@@ -9,7 +9,7 @@
 #include <random>
 #include <set>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -32,7 +32,7 @@ class LinkKeyFile : public ::testing::Test {
   const std::filesystem::path folder_ = temporary_.path(), file_ = folder_ / "ship.key";
 };
 
-TEST_F(LinkKeyFile, AMadeKeyIsReadBackAndIsForItsOwnerAlone) {
+TEST_F(LinkKeyFile, ANewKeyIsReadBackAndIsForItsOwnerAlone) {
   makeLinkKey(file_);
   struct stat about {};
   ASSERT_EQ(::stat(file_.c_str(), &about), 0);
@@ -42,10 +42,10 @@ TEST_F(LinkKeyFile, AMadeKeyIsReadBackAndIsForItsOwnerAlone) {
   EXPECT_EQ(warning, "");
   const std::array<std::uint8_t, 3> message = {1, 2, 3};
   EXPECT_TRUE(key.verify(kIdentity, message, readLinkKey(file_, warning).sign(kIdentity, message)));
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1) << "nothing half-made stays";
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1) << "no temporary file stays";
 }
 
-TEST_F(LinkKeyFile, EveryKeyMadeIsAnother) {
+TEST_F(LinkKeyFile, EveryNewKeyIsAnother) {
   std::set<std::string> keys;
   for (int i = 0; i < 5; ++i) {
     const std::filesystem::path file = folder_ / std::to_string(i);

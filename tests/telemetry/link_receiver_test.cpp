@@ -6,18 +6,10 @@
 #include <random>
 #include <vector>
 
+#include "tests/telemetry/sample_frames.hpp"
+
 namespace fathom::telemetry {
 namespace {
-
-constexpr LinkIdentity kOurs{7, 1234};
-
-std::vector<std::uint8_t> makeFrame(std::uint16_t sequence, std::size_t payload = 20,
-                                    LinkIdentity identity = kOurs, MessageType type = MessageType::kTrack) {
-  std::vector<std::uint8_t> body(payload), out(kMaxFrameBytes);
-  for (std::size_t i = 0; i < payload; ++i) body[i] = static_cast<std::uint8_t>(sequence + i);
-  out.resize(encodeFrame({identity, sequence, type}, body, out));
-  return out;
-}
 
 DecodedFrame take(LinkReceiver& receiver, std::span<const std::uint8_t> bytes) {
   return receiver.accept(bytes, [](const auto&) { return true; });
@@ -27,19 +19,19 @@ TEST(LinkReceiver, LocksTheFirstValidFramesDiveAndCountsTheOthersForeign) {
   LinkReceiver receiver;
   take(receiver, std::vector<std::uint8_t>(30, 0xAA));
   EXPECT_FALSE(receiver.identity().has_value());
-  EXPECT_EQ(take(receiver, makeFrame(1)).verdict, FrameVerdict::kAccepted);
-  EXPECT_EQ(take(receiver, makeFrame(2, 20, {7, 1235})).verdict, FrameVerdict::kForeign);
-  EXPECT_EQ(take(receiver, makeFrame(2, 20, {8, 1234})).verdict, FrameVerdict::kForeign);
-  EXPECT_EQ(take(receiver, makeFrame(2)).verdict, FrameVerdict::kAccepted);
+  EXPECT_EQ(take(receiver, countingFrame(1)).verdict, FrameVerdict::kAccepted);
+  EXPECT_EQ(take(receiver, countingFrame(2, 20, {7, 1235})).verdict, FrameVerdict::kForeign);
+  EXPECT_EQ(take(receiver, countingFrame(2, 20, {8, 1234})).verdict, FrameVerdict::kForeign);
+  EXPECT_EQ(take(receiver, countingFrame(2)).verdict, FrameVerdict::kAccepted);
   EXPECT_EQ(receiver.counters()[FrameVerdict::kForeign], 2U);
   EXPECT_EQ(receiver.counters()[FrameVerdict::kBadTag], 1U);
 }
 
 TEST(LinkReceiver, ForeignFramesDoNotMoveTheSequence) {
   LinkReceiver receiver(kOurs);
-  take(receiver, makeFrame(1));
-  take(receiver, makeFrame(1000, 20, {1, 1}));
-  take(receiver, makeFrame(2));
+  take(receiver, countingFrame(1));
+  take(receiver, countingFrame(1000, 20, {1, 1}));
+  take(receiver, countingFrame(2));
   EXPECT_EQ(receiver.counters().lost, 0U);
 }
 
@@ -48,46 +40,47 @@ TEST(LinkReceiver, CountsLostReorderedAndDuplicateOverTheWrapOfTheSequence) {
   std::mt19937 random(11);
   std::uint64_t lost = 0, duplicates = 0;
   std::uint16_t sequence = 65000;
-  take(receiver, makeFrame(sequence++));
+  take(receiver, countingFrame(sequence++));
   for (int i = 0; i < 3000; ++i) {
     switch (random() % 6) {
       case 0:
         ++lost;
         ++sequence;
         break;
-      case 1: {  // a pair the wrong way round
-        EXPECT_EQ(take(receiver, makeFrame(static_cast<std::uint16_t>(sequence + 1))).verdict,
+      case 1: {  // a pair in the wrong order
+        EXPECT_EQ(take(receiver, countingFrame(static_cast<std::uint16_t>(sequence + 1))).verdict,
                   FrameVerdict::kAccepted);
-        EXPECT_EQ(take(receiver, makeFrame(sequence)).verdict, FrameVerdict::kAccepted);
+        EXPECT_EQ(take(receiver, countingFrame(sequence)).verdict, FrameVerdict::kAccepted);
         sequence = static_cast<std::uint16_t>(sequence + 2);
         break;
       }
       case 2:
-        take(receiver, makeFrame(sequence));
-        EXPECT_EQ(take(receiver, makeFrame(sequence++)).verdict, FrameVerdict::kDuplicate);
+        take(receiver, countingFrame(sequence));
+        EXPECT_EQ(take(receiver, countingFrame(sequence++)).verdict, FrameVerdict::kDuplicate);
         ++duplicates;
         break;
       default:
-        EXPECT_EQ(take(receiver, makeFrame(sequence++)).verdict, FrameVerdict::kAccepted);
+        EXPECT_EQ(take(receiver, countingFrame(sequence++)).verdict, FrameVerdict::kAccepted);
     }
   }
-  take(receiver, makeFrame(sequence));  // closes the last gap
+  take(receiver, countingFrame(sequence));  // closes the last gap
   EXPECT_EQ(receiver.counters().lost, lost);
   EXPECT_EQ(receiver.counters()[FrameVerdict::kDuplicate], duplicates);
   EXPECT_EQ(receiver.counters().resyncs, 0U);
 }
 
-TEST(LinkReceiver, ASenderThatBeginsAnewIsFollowedAndNotCountedAsLoss) {
+TEST(LinkReceiver, ASenderThatRestartsIsFollowedAndNotCountedAsLoss) {
   LinkReceiver receiver(kOurs);
   Version before = 0, after = 0;
-  receiver.accept(makeFrame(20000), [&](const LinkReceiver::Message& m) { return (before = m.version) > 0; });
+  receiver.accept(countingFrame(20000),
+                  [&](const LinkReceiver::Message& m) { return (before = m.version) > 0; });
   // A frame of long ago, or some in any order, are no beginning.
   for (const int sequence : {7, 3, 9, 2})
-    EXPECT_EQ(take(receiver, makeFrame(static_cast<std::uint16_t>(sequence))).verdict,
+    EXPECT_EQ(take(receiver, countingFrame(static_cast<std::uint16_t>(sequence))).verdict,
               FrameVerdict::kDuplicate);
-  EXPECT_EQ(take(receiver, makeFrame(20001)).verdict, FrameVerdict::kAccepted);
-  for (const int sequence : {0, 1, 2}) take(receiver, makeFrame(static_cast<std::uint16_t>(sequence)));
-  receiver.accept(makeFrame(3), [&](const LinkReceiver::Message& m) { return (after = m.version) > 0; });
+  EXPECT_EQ(take(receiver, countingFrame(20001)).verdict, FrameVerdict::kAccepted);
+  for (const int sequence : {0, 1, 2}) take(receiver, countingFrame(static_cast<std::uint16_t>(sequence)));
+  receiver.accept(countingFrame(3), [&](const LinkReceiver::Message& m) { return (after = m.version) > 0; });
   EXPECT_EQ(receiver.counters().resyncs, 1U);
   EXPECT_EQ(receiver.counters().lost, 0U);
   EXPECT_GT(after, before + 1);
@@ -95,20 +88,20 @@ TEST(LinkReceiver, ASenderThatBeginsAnewIsFollowedAndNotCountedAsLoss) {
 
 TEST(LinkReceiver, AnOutageIsLossHoweverLongAndNoBeginning) {
   LinkReceiver receiver(kOurs);
-  take(receiver, makeFrame(0));
-  take(receiver, makeFrame(30000));
+  take(receiver, countingFrame(0));
+  take(receiver, countingFrame(30000));
   EXPECT_EQ(receiver.counters().lost, 29999U);
   EXPECT_EQ(receiver.counters().resyncs, 0U);
   const Acknowledgement a = receiver.acknowledgement();
-  EXPECT_EQ(a.heard(30000), true);
-  EXPECT_EQ(a.heard(2), false);
+  EXPECT_EQ(a.received(30000), true);
+  EXPECT_EQ(a.received(2), false);
 }
 
-TEST(LinkReceiver, EveryMessageTellsItsPlaceInTheDiveInWhateverOrderTheyCome) {
+TEST(LinkReceiver, EveryMessageHasItsPlaceInTheDiveInWhateverOrderTheyCome) {
   LinkReceiver receiver(kOurs);
   std::vector<Version> versions;
   for (const int sequence : {65500, 65530, 4, 65501, 10, 2})
-    receiver.accept(makeFrame(static_cast<std::uint16_t>(sequence)), [&](const LinkReceiver::Message& m) {
+    receiver.accept(countingFrame(static_cast<std::uint16_t>(sequence)), [&](const LinkReceiver::Message& m) {
       versions.push_back(m.version);
       return true;
     });
@@ -117,37 +110,37 @@ TEST(LinkReceiver, EveryMessageTellsItsPlaceInTheDiveInWhateverOrderTheyCome) {
     EXPECT_EQ(static_cast<int>(versions[k] - versions[0]), (std::array{0, 30, 40, 1, 46, 38}[k]));
 }
 
-TEST(LinkReceiver, TellsInTurnWhatItLacksFurtherBackThanTheLatestFrames) {
+TEST(LinkReceiver, ReportsInTurnWhatItLacksFurtherBackThanTheLatestFrames) {
   LinkReceiver receiver(kOurs);
   for (int k = 0; k < 2000; ++k) {
     if (k == 900) receiver.noteDamage();  // the file has lost what came from 850 on
     if (k >= 100 && (k < 850 || k >= 900) && (k < 400 || k >= 630))
-      take(receiver, makeFrame(static_cast<std::uint16_t>(k)));
+      take(receiver, countingFrame(static_cast<std::uint16_t>(k)));
   }
-  std::vector<int> told(2000, 0);  // times that it was said to be held (+) or not (-)
+  std::vector<int> said(2000, 0);  // times that it was said to be held (+) or not (-)
   for (int k = 0; k < 100; ++k) {
     const auto a = receiver.furtherAcknowledgement(true);
     ASSERT_TRUE(a);
     for (int n = 0; n <= a->newest; ++n) {
-      const auto heard = a->heardBack(static_cast<std::uint32_t>(a->newest - n));
-      if (!heard) continue;
+      const auto received = a->receivedBack(static_cast<std::uint32_t>(a->newest - n));
+      if (!received) continue;
       const bool held = n >= 100 && (n < 850 || n >= 900) && (n < 400 || n >= 630);
-      ASSERT_EQ(*heard, held) << n;
-      ++told[static_cast<std::size_t>(n)];
+      ASSERT_EQ(*received, held) << n;
+      ++said[static_cast<std::size_t>(n)];
     }
   }
-  for (std::size_t n = 0; n < 1900; ++n) EXPECT_GT(told[n], 0) << n;
-  EXPECT_GE(told[50], 4);   // before it came
-  EXPECT_GE(told[860], 4);  // damage
-  EXPECT_GE(told[410], 4);  // an outage
+  for (std::size_t n = 0; n < 1900; ++n) EXPECT_GT(said[n], 0) << n;
+  EXPECT_GE(said[50], 4);   // before it came
+  EXPECT_GE(said[860], 4);  // damage
+  EXPECT_GE(said[410], 4);  // an outage
 }
 
 TEST(LinkReceiver, EveryFrameGivenIsInExactlyOneCounter) {
   LinkReceiver receiver(kOurs);
   std::mt19937 random(2);
   for (int i = 0; i < 5000; ++i) {
-    auto bytes = makeFrame(static_cast<std::uint16_t>(random() % 500), random() % 200,
-                           random() % 4 == 0 ? LinkIdentity{1, 1} : kOurs);
+    auto bytes = countingFrame(static_cast<std::uint16_t>(random() % 500), random() % 200,
+                               random() % 4 == 0 ? LinkIdentity{1, 1} : kOurs);
     if (random() % 3 == 0) bytes[random() % bytes.size()] ^= static_cast<std::uint8_t>(1 + random() % 255);
     if (random() % 5 == 0) bytes.resize(random() % (bytes.size() + 1));
     (void)receiver.accept(bytes, [&](const auto&) { return random() % 4 != 0; });

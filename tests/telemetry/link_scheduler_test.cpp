@@ -1,4 +1,5 @@
 #include "telemetry/vehicle/link_scheduler.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,13 +13,11 @@
 #include "telemetry/tiles/tile_fragments.hpp"
 #include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/track.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {
 namespace {
-
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 
 struct Sent {
   std::int64_t time_ns;
@@ -26,9 +25,9 @@ struct Sent {
   [[nodiscard]] MessageType type() const { return decodeFrame(bytes).header.type; }
 };
 
-LinkSchedulerConfig someConfig() {
+LinkSchedulerConfig uplinkOnlyConfig() {
   LinkSchedulerConfig config;
-  config.identity = {7, 1234};
+  config.identity = kOurs;
   config.half_duplex = false;
   return config;
 }
@@ -61,7 +60,7 @@ std::vector<Sent> run(LinkScheduler& scheduler, double seconds, double step_s, E
 TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
   for (const double rate : {80.0, 300.0, 1200.0}) {
     for (const int frame_bytes : {32, 100, 256}) {
-      LinkSchedulerConfig config = someConfig();
+      LinkSchedulerConfig config = uplinkOnlyConfig();
       config.rate_bps = rate;
       config.frame_bytes = frame_bytes;
       LinkScheduler scheduler(config);
@@ -88,7 +87,7 @@ TEST(LinkScheduler, NeverExceedsItsRateOverAnyWindowAndUsesIt) {
   }
 }
 
-// A modem as the scheduler is told of.
+// The modem that a scheduler is configured for.
 struct Modem {
   int frame_bytes = 128, modem_bytes = 0;
   bool padded = false;
@@ -102,7 +101,7 @@ constexpr std::array<Modem, 6> kModems = {{{32, 64, false, 0},
                                            {128, 2048, true, 5}}};
 
 LinkSchedulerConfig configFor(const Modem& modem) {
-  LinkSchedulerConfig config = someConfig();
+  LinkSchedulerConfig config = uplinkOnlyConfig();
   config.frame_bytes = modem.frame_bytes;
   config.modem_bytes = modem.modem_bytes;
   config.padded = modem.padded;
@@ -211,7 +210,7 @@ TEST(LinkScheduler, GivesTheTurnWithTheLastLinkFrameAndListensAsLongAsTheModemsN
 }
 
 TEST(LinkScheduler, SendsStatusEveryPeriodEvenWithTilesWaiting) {
-  LinkSchedulerConfig config = someConfig();
+  LinkSchedulerConfig config = uplinkOnlyConfig();
   config.housekeeping.share = 0.3;
   LinkScheduler scheduler(config);
   for (int n = 0; n < 200; ++n) scheduler.offer(sampleTile(n, 0), kStart_ns);
@@ -221,7 +220,7 @@ TEST(LinkScheduler, SendsStatusEveryPeriodEvenWithTilesWaiting) {
   int count = 0;
   for (const Sent& s : sent) {
     if (s.type() != MessageType::kStatus) continue;
-    EXPECT_LE(s.time_ns - last, 16 * kSecond_ns);  // the period and at most one frame on the way
+    EXPECT_LE(s.time_ns - last, 16 * kSecond_ns);  // the period and at most one frame that is sent
     last = s.time_ns;
     ++count;
   }
@@ -229,7 +228,7 @@ TEST(LinkScheduler, SendsStatusEveryPeriodEvenWithTilesWaiting) {
 }
 
 TEST(LinkScheduler, KeepsHousekeepingToItsShareOnASlowLink) {
-  LinkSchedulerConfig config = someConfig();
+  LinkSchedulerConfig config = uplinkOnlyConfig();
   config.rate_bps = 80;
   config.frame_bytes = 32;
   LinkScheduler scheduler(config);
@@ -253,7 +252,7 @@ TEST(LinkScheduler, KeepsHousekeepingToItsShareOnASlowLink) {
 }
 
 TEST(LinkScheduler, TheTrackHasNoHoleWhenAFifthOfTheFramesAreLost) {
-  LinkSchedulerConfig config = someConfig();
+  LinkSchedulerConfig config = uplinkOnlyConfig();
   config.loss_rate = 0.2;
   config.housekeeping.share = 0.3;
   LinkScheduler scheduler(config);
@@ -278,7 +277,7 @@ TEST(LinkScheduler, TheTrackHasNoHoleWhenAFifthOfTheFramesAreLost) {
 
 TEST(LinkScheduler, SameCallsGiveTheSameBytes) {
   const auto once = [] {
-    LinkScheduler scheduler(someConfig());
+    LinkScheduler scheduler(uplinkOnlyConfig());
     scheduler.setMissionInfo({"sirius", {0.3, -0.2}, kStart_ns, 0});
     int n = 0;
     std::vector<std::uint8_t> all;
@@ -294,7 +293,7 @@ TEST(LinkScheduler, SameCallsGiveTheSameBytes) {
 
 TEST(LinkScheduler, RefusesAConfigurationThatMakesNoSense) {
   const auto refuses = [](auto change) {
-    LinkSchedulerConfig config = someConfig();
+    LinkSchedulerConfig config = uplinkOnlyConfig();
     change(config);
     EXPECT_THROW(LinkScheduler{config}, std::invalid_argument);
   };

@@ -1,25 +1,24 @@
-// A link that was saved and loaded goes on with the frames that would have been sent.
+// A link that was saved and loaded continues with the frames that would have been sent.
 #include <gtest/gtest.h>
 
 #include <array>
 #include <cmath>
 #include <memory>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/support/saved_state.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000, kStart = 1'790'000'000 * kSecond;
-constexpr LinkIdentity kIdentity{7, 1234};
-
-LinkSchedulerConfig config(bool answered, double rate_bps) {
+LinkSchedulerConfig stateConfig(bool answered, double rate_bps) {
   LinkSchedulerConfig c;
-  c.identity = kIdentity;
+  c.identity = kOurs;
   c.rate_bps = rate_bps;
   c.half_duplex = answered;
   c.blocks.max_squares = 24;
@@ -34,7 +33,7 @@ bool load(LinkScheduler& scheduler, std::span<const std::uint8_t> bytes) {
 void restart(std::unique_ptr<LinkScheduler>& scheduler, const LinkSchedulerConfig& c) {
   const std::vector<std::uint8_t> state = test::savedState(*scheduler);
   scheduler = std::make_unique<LinkScheduler>(c);
-  scheduler->setMissionInfo({"sirius", {}, kStart, 0});
+  scheduler->setMissionInfo({"sirius", {}, kStart_ns, 0});
   ASSERT_TRUE(load(*scheduler, state));
   EXPECT_EQ(test::savedState(*scheduler), state);
 }
@@ -43,13 +42,13 @@ void restart(std::unique_ptr<LinkScheduler>& scheduler, const LinkSchedulerConfi
 // seconds. All frames, one after the other.
 std::vector<std::uint8_t> dive(const LinkSchedulerConfig& c, const std::vector<int>& restarts) {
   auto scheduler = std::make_unique<LinkScheduler>(c);
-  scheduler->setMissionInfo({"sirius", {}, kStart, 0});
-  LinkReceiver ship(kIdentity);
+  scheduler->setMissionInfo({"sirius", {}, kStart_ns, 0});
+  LinkReceiver ship(kOurs);
   std::vector<std::uint8_t> frames;
   std::array<std::uint8_t, kMaxFrameBytes> frame;
   int sent = 0;
   for (int t = 0; t < 600; ++t) {
-    const std::int64_t now = kStart + t * kSecond;
+    const std::int64_t now = kStart_ns + t * kSecond_ns;
     for (const int at : restarts)
       if (at == t) restart(scheduler, c);
     Status status;
@@ -80,38 +79,38 @@ std::vector<std::uint8_t> dive(const LinkSchedulerConfig& c, const std::vector<i
   return frames;
 }
 
-TEST(LinkState, AnAnsweredLinkGoesOnWithTheSameFrames) {
-  const LinkSchedulerConfig c = config(true, 300);
+TEST(LinkState, AnAnsweredLinkContinuesWithTheSameFrames) {
+  const LinkSchedulerConfig c = stateConfig(true, 300);
   const std::vector<std::uint8_t> whole = dive(c, {});
   ASSERT_GT(whole.size(), 10000u);
   EXPECT_EQ(dive(c, {57, 351, 352, 500}), whole);
 }
 
-TEST(LinkState, ALinkThatNobodyAnswersGoesOnWithTheSameRepairFrames) {
-  const LinkSchedulerConfig c = config(false, 300);
+TEST(LinkState, ALinkWithoutAnswersContinuesWithTheSameRepairFrames) {
+  const LinkSchedulerConfig c = stateConfig(false, 300);
   EXPECT_EQ(dive(c, {20, 57, 133, 399}), dive(c, {}));
 }
 
-TEST(LinkState, AFastLinkGoesOnInTheMiddleOfATile) {
-  const LinkSchedulerConfig c = config(true, 5000);
+TEST(LinkState, AFastLinkContinuesInTheMiddleOfATile) {
+  const LinkSchedulerConfig c = stateConfig(true, 5000);
   EXPECT_EQ(dive(c, {351, 355, 362}), dive(c, {}));
 }
 
-TEST(LinkState, FramesThatTheLogLacksAreNotTakenForADiveThatBeginsAnew) {
-  const LinkSchedulerConfig c = config(true, 300);
-  LinkReceiver ship(kIdentity);
+TEST(LinkState, FramesThatTheLogLacksAreNotTakenForANewDive) {
+  const LinkSchedulerConfig c = stateConfig(true, 300);
+  LinkReceiver ship(kOurs);
   std::array<std::uint8_t, kMaxFrameBytes> frame;
   auto scheduler = std::make_unique<LinkScheduler>(c);
   const auto second = [&](LinkScheduler& link, int t) {
-    link.offer(sampleTile(t / 7, 3), kStart + t * kSecond);
-    while (const std::size_t size = link.nextFrame(kStart + t * kSecond, frame)) {
+    link.offer(sampleTile(t / 7, 3), kStart_ns + t * kSecond_ns);
+    while (const std::size_t size = link.nextFrame(kStart_ns + t * kSecond_ns, frame)) {
       (void)ship.accept(std::span<const std::uint8_t>(frame).first(size), [](const auto&) { return true; });
-      if (ship.turn()) link.acknowledge(ship.acknowledgement(), kStart + t * kSecond);
+      if (ship.turn()) link.acknowledge(ship.acknowledgement(), kStart_ns + t * kSecond_ns);
     }
   };
   for (int t = 0; t < 100; ++t) second(*scheduler, t);
   const std::vector<std::uint8_t> state = test::savedState(*scheduler);
-  for (int t = 100; t < 105; ++t) second(*scheduler, t);  // heard by the ship, in no log
+  for (int t = 100; t < 105; ++t) second(*scheduler, t);  // received by the ship, in no log
   auto again = std::make_unique<LinkScheduler>(c);
   ASSERT_TRUE(load(*again, state));
   again->noteRestart();
@@ -124,13 +123,13 @@ TEST(LinkState, FramesThatTheLogLacksAreNotTakenForADiveThatBeginsAnew) {
 }
 
 TEST(LinkState, DamageIsRefusedOrDoesNoHarm) {
-  const LinkSchedulerConfig c = config(true, 300);
+  const LinkSchedulerConfig c = stateConfig(true, 300);
   LinkScheduler scheduler(c);
   std::array<std::uint8_t, kMaxFrameBytes> frame;
   for (int t = 0; t < 100; ++t) {
     scheduler.setStatus({});
-    scheduler.offer(sampleTile(t / 7, 3), kStart + t * kSecond);
-    while (scheduler.nextFrame(kStart + t * kSecond, frame) > 0) continue;
+    scheduler.offer(sampleTile(t / 7, 3), kStart_ns + t * kSecond_ns);
+    while (scheduler.nextFrame(kStart_ns + t * kSecond_ns, frame) > 0) continue;
   }
   const std::vector<std::uint8_t> state = test::savedState(scheduler);
   LinkScheduler other(c);
@@ -142,21 +141,21 @@ TEST(LinkState, DamageIsRefusedOrDoesNoHarm) {
       ++refused;
       return;
     }
-    other.offer(sampleTile(3, 3), kStart + 101 * kSecond);
-    for (int k = 0; k < 4; ++k) (void)other.nextFrame(kStart + (101 + 5 * k) * kSecond, frame);
-    Acknowledgement heard;
-    heard.valid = true;
-    heard.newest = 5;
-    other.acknowledge(heard, kStart + 130 * kSecond);
+    other.offer(sampleTile(3, 3), kStart_ns + 101 * kSecond_ns);
+    for (int k = 0; k < 4; ++k) (void)other.nextFrame(kStart_ns + (101 + 5 * k) * kSecond_ns, frame);
+    Acknowledgement acknowledgement;
+    acknowledgement.valid = true;
+    acknowledgement.newest = 5;
+    other.acknowledge(acknowledgement, kStart_ns + 130 * kSecond_ns);
   });
   EXPECT_GT(refused, 0);
   EXPECT_LT(refused, loads);
 }
 
 TEST(LinkState, ASmallerPoolRefuses) {
-  LinkScheduler scheduler(config(true, 300));
-  for (int t = 0; t < 20; ++t) scheduler.offer(sampleTile(t, 3), kStart);
-  LinkSchedulerConfig smaller = config(true, 300);
+  LinkScheduler scheduler(stateConfig(true, 300));
+  for (int t = 0; t < 20; ++t) scheduler.offer(sampleTile(t, 3), kStart_ns);
+  LinkSchedulerConfig smaller = stateConfig(true, 300);
   smaller.blocks.max_squares = 4;
   LinkScheduler other(smaller);
   EXPECT_FALSE(load(other, test::savedState(scheduler)));
@@ -165,31 +164,32 @@ TEST(LinkState, ASmallerPoolRefuses) {
 TEST(DownlinkState, WhatWasAdmittedBeforeTheRestartStaysOld) {
   const std::array<std::uint8_t, LinkKey::kBytes> secret{1, 2, 3};
   const LinkKey key{secret};
-  DownlinkSender ship(kIdentity, key);
+  DownlinkSender ship(kOurs, key);
   Request request;
   request.kind = Request::Kind::kDetail;
   request.north_max = request.east_max = 5;
   ASSERT_TRUE(ship.request(request));
   std::array<std::uint8_t, kMaxFrameBytes> frame;
-  const std::size_t size = ship.nextFrame(kStart + 10 * kSecond, frame);
-  const auto heard = std::span<const std::uint8_t>(frame).first(size);
-  DownlinkReceiver vehicle(kIdentity, key, kStart);
-  ASSERT_EQ(vehicle.accept(kStart + 11 * kSecond, heard).verdict, DownlinkVerdict::kAccepted);
+  const std::size_t size = ship.nextFrame(kStart_ns + 10 * kSecond_ns, frame);
+  const auto downlink = std::span<const std::uint8_t>(frame).first(size);
+  DownlinkReceiver vehicle(kOurs, key, kStart_ns);
+  ASSERT_EQ(vehicle.accept(kStart_ns + 11 * kSecond_ns, downlink).verdict, DownlinkVerdict::kAccepted);
 
   const std::vector<std::uint8_t> state = test::savedState(vehicle);
-  DownlinkReceiver again(kIdentity, key, kStart);
+  DownlinkReceiver again(kOurs, key, kStart_ns);
   rt::StateReader reader(state);
   ASSERT_TRUE(again.load(reader)) << reader.failure();
-  EXPECT_EQ(again.accept(kStart + 12 * kSecond, heard).verdict, DownlinkVerdict::kOld);
-  // The ship repeats it, as it does: a repetition, not a new wish.
-  const std::size_t next = ship.nextFrame(kStart + 20 * kSecond, frame);
-  const auto repeated = again.accept(kStart + 21 * kSecond, std::span<const std::uint8_t>(frame).first(next));
+  EXPECT_EQ(again.accept(kStart_ns + 12 * kSecond_ns, downlink).verdict, DownlinkVerdict::kOld);
+  // The ship repeats it, as it does: a repetition, not a new request.
+  const std::size_t next = ship.nextFrame(kStart_ns + 20 * kSecond_ns, frame);
+  const auto repeated =
+      again.accept(kStart_ns + 21 * kSecond_ns, std::span<const std::uint8_t>(frame).first(next));
   EXPECT_EQ(repeated.verdict, DownlinkVerdict::kAccepted);
   EXPECT_FALSE(repeated.content.request.has_value());
   EXPECT_EQ(again.counters().repeated_requests, 1u);
   EXPECT_EQ(again.counters().requests, 1u);
 
-  DownlinkReceiver other(kIdentity, key, kStart);
+  DownlinkReceiver other(kOurs, key, kStart_ns);
   test::eachRefused(state, 30, [&](std::span<const std::uint8_t> bytes) {
     rt::StateReader damaged(bytes);
     return other.load(damaged);

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "realtime/kernel/heap_counter.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
 #include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {

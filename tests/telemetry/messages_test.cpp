@@ -7,17 +7,16 @@
 #include <set>
 #include <string>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/mission_info.hpp"
 #include "telemetry/wire/status.hpp"
 #include "telemetry/wire/track.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 using Buffer = std::array<std::uint8_t, kMaxFrameBytes>;
 
 Status someStatus() {
@@ -38,7 +37,7 @@ Status someStatus() {
   s.battery = 0.73;
   s.mission_progress = 0.42;
   s.health = kHealthNoFix | kHealthStereoPoor;
-  s.slipped_cycles = 3;
+  s.late_cycles = 3;
   s.shed_work = 17;
   s.pool_refusals = 1023;
   return s;
@@ -60,7 +59,7 @@ TEST(Health, EachFlagHasATextOfItsOwnAndCrossesTheLink) {
   EXPECT_EQ(texts.count("clock unsure"), 1u);
 }
 
-void expectSame(const Status& a, const Status& b) {
+void expectSameStatus(const Status& a, const Status& b) {
   const auto near = [](double x, double y, const LogField& field) {
     EXPECT_LE(std::abs(x / y - 1), field.relativeError() + 0.5 / y) << x << " " << y;
   };
@@ -68,9 +67,9 @@ void expectSame(const Status& a, const Status& b) {
   EXPECT_NEAR(a.north, b.north, 0.101);
   EXPECT_NEAR(a.east, b.east, 0.101);
   EXPECT_NEAR(a.depth, b.depth, 0.051);
-  EXPECT_NEAR(a.roll, b.roll, 1.01 * kDegree);
-  EXPECT_NEAR(a.pitch, b.pitch, 1.01 * kDegree);
-  EXPECT_NEAR(std::remainder(a.heading - b.heading, 2 * std::numbers::pi), 0, 0.76 * kDegree);
+  EXPECT_NEAR(a.roll, b.roll, 1.01 * kRadiansPerDegree);
+  EXPECT_NEAR(a.pitch, b.pitch, 1.01 * kRadiansPerDegree);
+  EXPECT_NEAR(std::remainder(a.heading - b.heading, 2 * std::numbers::pi), 0, 0.76 * kRadiansPerDegree);
   EXPECT_NEAR(a.altitude, b.altitude, 0.051);
   EXPECT_NEAR(a.speed, b.speed, 0.051);
   EXPECT_NEAR(a.battery, b.battery, 0.0101);
@@ -80,7 +79,7 @@ void expectSame(const Status& a, const Status& b) {
   near(a.map_area, b.map_area, schema::kArea);
   near(a.pairs_seen, b.pairs_seen, schema::kPairs);
   near(a.pairs_dropped, b.pairs_dropped, schema::kDropped);
-  near(a.slipped_cycles, b.slipped_cycles, schema::kSlips);
+  near(a.late_cycles, b.late_cycles, schema::kLateCycles);
   near(a.shed_work, b.shed_work, schema::kShed);
   near(a.pool_refusals, b.pool_refusals, schema::kRefusals);
 }
@@ -92,7 +91,7 @@ TEST(Status, RoundTripsWithinItsResolution) {
   ASSERT_EQ(size, kStatusBytes);
   Status got;
   ASSERT_TRUE(decodeStatus(std::span(buffer).first(size), got));
-  expectSame(got, sent);
+  expectSameStatus(got, sent);
 }
 
 TEST(Status, FitsTheSmallestFrame) {
@@ -221,13 +220,14 @@ TEST(Track, TruncatedAtAnyByteIsRejected) {
 
 TEST(MissionInfo, RoundTripsToACentimetreOnTheGround) {
   Buffer buffer{};
-  const MissionInfo sent{"sirius", {-23.456789 * kDegree, 151.987654 * kDegree}, kStart_ns, 0};
+  const MissionInfo sent{
+      "sirius", {-23.456789 * kRadiansPerDegree, 151.987654 * kRadiansPerDegree}, kStart_ns, 0};
   const std::size_t size = encodeMissionInfo(sent, buffer);
   MissionInfo got;
   ASSERT_TRUE(decodeMissionInfo(std::span(buffer).first(size), got));
   EXPECT_EQ(got.vehicle_name, "sirius");
-  EXPECT_NEAR(got.origin.latitude, sent.origin.latitude, 0.51e-7 * kDegree);
-  EXPECT_NEAR(got.origin.longitude, sent.origin.longitude, 0.51e-7 * kDegree);
+  EXPECT_NEAR(got.origin.latitude, sent.origin.latitude, 0.51e-7 * kRadiansPerDegree);
+  EXPECT_NEAR(got.origin.longitude, sent.origin.longitude, 0.51e-7 * kRadiansPerDegree);
   EXPECT_EQ(got.start_utc_ns, kStart_ns);
   EXPECT_EQ(got.schema_hash, schemaHash());
   for (std::size_t n = 0; n < size; ++n)

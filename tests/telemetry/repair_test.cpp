@@ -9,11 +9,11 @@
 
 #include "telemetry/repair/repair_decoder.hpp"
 #include "telemetry/repair/repair_encoder.hpp"
+#include "tests/telemetry/sample_frames.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
 constexpr std::size_t kRoom = 54;  // payload of a 64 B frame
 
 Bytes payloadOf(int n, std::mt19937& random) {

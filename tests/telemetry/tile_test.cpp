@@ -140,7 +140,7 @@ TEST(TileCodec, RandomAndDamagedBytesNeverGiveValuesOutsideTheLattice) {
 
 std::vector<std::vector<std::uint8_t>> fragments(const HeightTile& tile, int stride,
                                                  std::size_t frame_bytes) {
-  TileId id;
+  FragmentTile id;
   EXPECT_TRUE(makeTileId(tile, stride, id));
   const auto bytes = encoded(tile, stride);
   std::vector<std::vector<std::uint8_t>> out;

@@ -1,4 +1,4 @@
-#include "recon/topside/tiles/block_texture.hpp"
+#include "recon/products/tiles/block_texture.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,9 +6,9 @@
 #include <cstring>
 #include <random>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/topside/tiles/bc1/block_rows.hpp"
-#include "recon/topside/tiles/picture_codec.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/products/tiles/bc1/block_rows.hpp"
+#include "recon/products/tiles/picture_codec.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
@@ -19,7 +19,7 @@ RgbImage seafloor(int width, int height) {
   image.rgb.resize(3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
-      const Rgb rgb = test::SyntheticModel::colour(0.004 * y, 0.004 * x);
+      const Rgb rgb = synthetic::SyntheticModel::colour(0.004 * y, 0.004 * x);
       std::copy(rgb.begin(), rgb.end(), image.at(x, y));
     }
   return image;

@@ -1,12 +1,12 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
-#include <numbers>
 
-#include "realtime/kernel/command_line.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/tiles/block_texture.hpp"
-#include "recon/topside/tiles/glb.hpp"
-#include "recon/topside/tiles/tileset.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/products/tiles/block_texture.hpp"
+#include "recon/products/tiles/glb.hpp"
+#include "recon/products/tiles/tileset.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace {
@@ -23,7 +23,7 @@ int main(int argc, char** argv) {
   CLI::App app{"example_tiles: a synthetic seafloor as 3D tiles"};
   std::filesystem::path folder;
   int levels = 3;
-  fathom::topside::test::SyntheticModel model;
+  fathom::topside::synthetic::SyntheticModel model;
   bool webp = false, ktx2 = false;
   app.add_option("folder", folder, "where tileset.json and the tiles are written")->required();
   app.add_option("--levels", levels, "levels of tiles; the finest has 16^(levels - 1)")
@@ -47,8 +47,8 @@ int main(int argc, char** argv) {
       }
       writeIn(folder / tilePath(id), writeGlb(tile, model.grid, config));
     }
-    constexpr double kDegree = std::numbers::pi / 180;
-    writeTilesets(folder, entries, fathom::Geodetic{-28.8 * kDegree, 113.9 * kDegree});
+    writeTilesets(folder, entries,
+                  fathom::Geodetic{fathom::degreesToRadians(-28.8), fathom::degreesToRadians(113.9)});
     std::printf("%zu tiles\n", entries.size());
     return fathom::kExitSuccess;
   });

@@ -1,4 +1,4 @@
-#include "recon/topside/tiles/glb.hpp"
+#include "recon/products/tiles/glb.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,13 +8,13 @@
 #include <random>
 #include <set>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using test::SyntheticModel;
+using synthetic::SyntheticModel;
 using Corner = std::array<float, 3>;
 using Triangle = std::array<Corner, 3>;
 

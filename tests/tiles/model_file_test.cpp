@@ -1,4 +1,4 @@
-#include "recon/topside/tiles/model_file.hpp"
+#include "recon/products/tiles/model_file.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <set>
 #include <sstream>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/tiles/tileset.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/products/tiles/tileset.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/tiles/synthetic_model.hpp"
@@ -18,7 +18,7 @@ namespace fathom::topside {
 namespace {
 
 using fathom::test::TemporaryFolder;
-using test::SyntheticModel;
+using synthetic::SyntheticModel;
 
 // Tiles on both sides of the origin, handed over as if they had been read.
 struct Square {

@@ -2,8 +2,8 @@
 
 #include <cstdlib>
 
-#include "recon/topside/tiles/block_texture.hpp"
-#include "recon/topside/tiles/glb.hpp"
+#include "recon/products/tiles/block_texture.hpp"
+#include "recon/products/tiles/glb.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/tiles/synthetic_model.hpp"
@@ -18,7 +18,7 @@ TEST(PageLibraries, KhronosValidatorThreesDracoAndItsKtxReaderTakeEveryKindOfTil
     if (!std::filesystem::exists(pages / "node_modules" / module))
       GTEST_SKIP() << module << " is not installed";
   const fathom::test::TemporaryFolder scratch;
-  test::SyntheticModel model;
+  synthetic::SyntheticModel model;
   std::string files;
   const auto add = [&](const std::string& name, const std::vector<std::uint8_t>& bytes) {
     fathom::test::writeBytes(scratch.path() / name, bytes);

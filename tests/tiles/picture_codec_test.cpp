@@ -1,17 +1,17 @@
-#include "recon/topside/tiles/picture_codec.hpp"
+#include "recon/products/tiles/picture_codec.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
 namespace fathom::topside {
 namespace {
 
 RgbImage atlas() {
-  test::SyntheticModel model;
+  synthetic::SyntheticModel model;
   model.texels = 96;
   return model.tile({0, 0, 0}).atlas;
 }

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace fathom::topside::test {
+namespace fathom::topside::synthetic {
 namespace {
 
 using Steps = std::pair<std::int32_t, std::int32_t>;  // north and east, in the finest level's squares
@@ -133,4 +133,4 @@ std::vector<TileId> SyntheticModel::pyramid(int levels) const {
   return tiles;
 }
 
-}  // namespace fathom::topside::test
+}  // namespace fathom::topside::synthetic

@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "recon/geometry/textured_tile.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 
-namespace fathom::topside::test {
+namespace fathom::topside::synthetic {
 
 // A seafloor of hills on which tiles of any level can be cut without cracks: borders keep the finest level's
 // vertices, as simplification does, and inside every level has kCells x kCells squares.
@@ -22,4 +22,4 @@ struct SyntheticModel {
   [[nodiscard]] std::vector<TileId> pyramid(int levels) const;
 };
 
-}  // namespace fathom::topside::test
+}  // namespace fathom::topside::synthetic

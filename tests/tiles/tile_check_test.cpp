@@ -1,14 +1,14 @@
-#include "recon/topside/tiles/check/tile_check.hpp"
+#include "recon/products/tiles/check/tile_check.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <functional>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/topside/tiles/check/border_edges.hpp"
-#include "recon/topside/tiles/glb.hpp"
-#include "recon/topside/tiles/tileset.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/products/tiles/check/border_edges.hpp"
+#include "recon/products/tiles/glb.hpp"
+#include "recon/products/tiles/tileset.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/tiles/synthetic_model.hpp"
@@ -17,7 +17,7 @@ namespace fathom::topside {
 namespace {
 
 using fathom::test::TemporaryFolder;
-using test::SyntheticModel;
+using synthetic::SyntheticModel;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 

@@ -1,11 +1,11 @@
-#include "recon/topside/tiles/tileset.hpp"
+#include "recon/products/tiles/tileset.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
 #include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <set>
 
 #include "tests/support/test_data.hpp"
@@ -67,7 +67,7 @@ void walk(const std::filesystem::path& path, Walk& seen) {
       return;
     }
     const Json& box = tile["boundingVolume"]["box"];
-    // What shows nothing by itself must give way to its children from wherever they can be seen.
+    // What shows nothing by itself must be replaced by its children from wherever they can be seen.
     if (!tile.contains("content")) {
       EXPECT_GE(tile["geometricError"].get<double>(), 2 * box[3].get<double>());
     }
@@ -158,23 +158,22 @@ TEST(Tileset, ATileWhoseParentIsMissingIsReachedAllTheSame) {
 
 TEST(Tileset, RootStandsOnTheEarthWhereTheOriginIs) {
   // WGS84's own radii stand at the equator and at the pole.
-  constexpr double kDegree = std::numbers::pi / 180;
   EXPECT_TRUE((ecefFromEnu({0, 0}).col(3).isApprox(Eigen::Vector4d(6378137, 0, 0, 1), 1e-12)));
-  EXPECT_NEAR(ecefFromEnu({90 * kDegree, 0})(2, 3), 6356752.3142, 1e-4);
-  const Eigen::Matrix4d m = ecefFromEnu({-31.95 * kDegree, 115.86 * kDegree});
+  EXPECT_NEAR(ecefFromEnu({90 * kRadiansPerDegree, 0})(2, 3), 6356752.3142, 1e-4);
+  const Eigen::Matrix4d m = ecefFromEnu({-31.95 * kRadiansPerDegree, 115.86 * kRadiansPerDegree});
   const Eigen::Matrix3d turn = m.topLeftCorner<3, 3>();
   EXPECT_TRUE((turn.transpose() * turn).isIdentity(1e-12));
   EXPECT_NEAR(turn.determinant(), 1, 1e-12);
   // A small step north and one east on the ellipsoid go where the matrix says.
   const double step = 1e-6;  // [rad]
   const Eigen::Vector3d north =
-      (ecefFromEnu({-31.95 * kDegree + step, 115.86 * kDegree}) - m).col(3).head<3>();
+      (ecefFromEnu({-31.95 * kRadiansPerDegree + step, 115.86 * kRadiansPerDegree}) - m).col(3).head<3>();
   const Eigen::Vector3d east =
-      (ecefFromEnu({-31.95 * kDegree, 115.86 * kDegree + step}) - m).col(3).head<3>();
+      (ecefFromEnu({-31.95 * kRadiansPerDegree, 115.86 * kRadiansPerDegree + step}) - m).col(3).head<3>();
   EXPECT_GT(north.normalized().dot(turn.col(1)), 1 - 1e-9);
   EXPECT_GT(east.normalized().dot(turn.col(0)), 1 - 1e-9);
   const fathom::test::TemporaryFolder scratch;
-  writeTilesets(scratch.path(), pyramid(1), Geodetic{-31.95 * kDegree, 115.86 * kDegree});
+  writeTilesets(scratch.path(), pyramid(1), Geodetic{-31.95 * kRadiansPerDegree, 115.86 * kRadiansPerDegree});
   const Json transform = readJson(scratch.path() / "tileset.json")["root"]["transform"];
   for (int k = 0; k < 16; ++k) EXPECT_EQ(transform[k].get<double>(), m.data()[k]);
 }

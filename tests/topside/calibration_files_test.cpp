@@ -52,7 +52,7 @@ TEST_F(CalibrationFiles, OpenCvsSampleWritesTwoFilesWithoutASize) {
   EXPECT_THAT(refusal(at("extrinsics.yml")), HasSubstr("no pair of camera matrices"));
 }
 
-TEST_F(CalibrationFiles, PeopleWriteOpenCvsNamesInManyWays) {
+TEST_F(CalibrationFiles, PeopleWriteOpenCvsNamesInManyForms) {
   const Json k{{1700, 0, 690}, {0, 1701, 500}, {0, 0, 1}}, d{0.1, 0.2, 0.01, 0.02};
   const Json r{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, t{-0.2, 0, 0};
   const Camera camera{1360, 1024, 1700, 1701, 690, 500, 0.1, 0.2, 0.01, 0.02, 0};

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "recon/topside/input/calibration/calibration.hpp"
+#include "recon/import/calibration/calibration.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/calibration_files.hpp"

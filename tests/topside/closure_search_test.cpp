@@ -1,4 +1,4 @@
-#include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/batch_closure_search.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,13 +6,13 @@
 #include <set>
 #include <utility>
 
-#include "recon/slam/batch_solver.hpp"
+#include "recon/solver/batch/batch_solver.hpp"
 #include "tests/topside/tiny_mission.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr int kFrames = 60;        // of the way out, and as many back
+constexpr int kFrames = 60;        // of the outward track, and as many back
 constexpr double kStep = 0.25;     // [m]
 constexpr double kAltitude = 2.0;  // [m]
 
@@ -21,11 +21,11 @@ struct OneFeatureEach final : FeatureStore {
   [[nodiscard]] std::size_t count(std::size_t) const override { return 1; }
   void load(std::size_t, closure::FrameFeatures& out) const override {
     out.features.assign(1, {});
-    out.descriptors.assign(closure::descriptorBytes(out.kind), 0);
+    out.descriptors.assign(closure::kDescriptorBytes, 0);
   }
 };
 
-// A straight way out and back over the same ground, known by dead reckoning alone.
+// A straight track out and back over the same ground, known by dead reckoning alone.
 struct OutAndBack {
   OneFeatureEach store;
   Frames frames;
@@ -41,7 +41,7 @@ struct OutAndBack {
       frames.pair.push_back(static_cast<std::uint32_t>(k));
       frames.reckoned.push_back(pose);
       frames.range.push_back(kAltitude);
-      frames.way.push_back(kStep * k);
+      frames.travelled.push_back(kStep * k);
       solution.poses.push_back(pose);
       solution.nodes.push_back(k + 1);
       const SE3& before = solution.graph.poses.back();
@@ -51,7 +51,7 @@ struct OutAndBack {
       solution.graph.poses.push_back(pose);
     }
   }
-  // The way back found to lie elsewhere.
+  // The return track found to be elsewhere.
   void shiftBack(const Eigen::Vector3d& by) {
     for (std::size_t k = kFrames; k < solution.poses.size(); ++k) {
       solution.poses[k] = SE3(solution.poses[k].rotation(), solution.poses[k].translation() + by);
@@ -66,10 +66,10 @@ std::set<std::pair<std::uint32_t, std::uint32_t>> pairsOf(const std::vector<Atte
   return pairs;
 }
 
-TEST(ClosureSearch, APairThatWasRefusedComesAgainOnlyOnceItsPriorHasMovedBySeveralSigmas) {
+TEST(BatchClosureSearch, APairThatWasRefusedComesAgainOnlyOnceItsPriorHasMovedBySeveralSigmas) {
   OutAndBack dive(0.005);
   const StereoRig rig = test::TinyMission::rig();
-  ClosureSearch search(rig, dive.frames, 0);
+  BatchClosureSearch search(rig, dive.frames, 0);
   const auto round = [&] {
     search.look(dive.solution, {});
     std::vector<Attempt> attempts = search.candidates(100000, 100);
@@ -86,10 +86,10 @@ TEST(ClosureSearch, APairThatWasRefusedComesAgainOnlyOnceItsPriorHasMovedBySever
   EXPECT_GT(again, first.size() / 4);
 }
 
-TEST(ClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosureHasVerified) {
+TEST(BatchClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosureHasVerified) {
   OutAndBack dive(0.5);  // 4 m in the end, several footprints
   const StereoRig rig = test::TinyMission::rig();
-  ClosureSearch search(rig, dive.frames, 0);
+  BatchClosureSearch search(rig, dive.frames, 0);
   search.look(dive.solution, {});
   const std::vector<Attempt> attempts = search.candidates(100000, 6);
   std::set<std::uint32_t> newer;
@@ -106,13 +106,13 @@ TEST(ClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosureHasVe
   EXPECT_LT(one.unverified, lost.unverified);
 }
 
-// Disparities that slope across the way turn every step to the same side; where the vehicle comes back
-// over its way out, closures contradict that.
-TEST(ClosureSearch, FindsTheErrorThatAllLinksShareAndTakesItOut) {
+// Disparities that slope across the track turn every step to the same side; where the vehicle comes back
+// over its outward track, closures contradict that.
+TEST(BatchClosureSearch, FindsTheErrorThatAllLinksShareAndTakesItOut) {
   constexpr int kSlope = 5;  // column of closure::poseBySharedErrors()
   OutAndBack dive(0.005);
   const StereoRig rig = test::TinyMission::rig();
-  ClosureSearch search(rig, dive.frames, 0);
+  BatchClosureSearch search(rig, dive.frames, 0);
   std::vector<slam::NavigationLink> right;
   const auto join = [&](int a, int b) {
     slam::NavigationLink link;
@@ -124,7 +124,7 @@ TEST(ClosureSearch, FindsTheErrorThatAllLinksShareAndTakesItOut) {
   };
   for (int k = 0; k + 1 < 2 * kFrames; ++k) join(k, k + 1);
   for (int k = 0; k + 1 < kFrames; k += 3) join(k, 2 * kFrames - 1 - k);
-  ClosureSearch::Shared error = ClosureSearch::Shared::Zero();
+  BatchClosureSearch::Shared error = BatchClosureSearch::Shared::Zero();
   error(kSlope) = 2;
   const std::vector<slam::NavigationLink> seen = search.straightened(right, -error);
   const auto worst = [&](const std::vector<slam::NavigationLink>& links) {
@@ -136,7 +136,7 @@ TEST(ClosureSearch, FindsTheErrorThatAllLinksShareAndTakesItOut) {
   ASSERT_GT(worst(seen), 3e-4);
 
   std::vector<slam::NavigationLink> links = seen;
-  ClosureSearch::Shared found = ClosureSearch::Shared::Zero();
+  BatchClosureSearch::Shared found = BatchClosureSearch::Shared::Zero();
   for (int round = 0; round < 2; ++round) {
     links = search.straightened(seen, found);
     dive.solution.graph.edges.resize(1);  // the first pose's own

@@ -4,7 +4,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "sim/mission/mission_maker.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "tests/support/text_files.hpp"

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <random>
 
-#include "recon/slam/sensor_factors.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/navigation/sensors/sensor_factors.hpp"
 #include "recon/topside/localise/control_network.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "tests/support/test_data.hpp"
@@ -40,7 +41,7 @@ struct LevelGround final : FeatureStore {
 };
 
 // A lawnmower of level cameras; what images know of it stands anywhere, turned, and is too small.
-struct Survey {
+struct ControlSurvey {
   LevelGround ground;
   Frames frames;
   std::vector<SE3> truth, seen;
@@ -51,7 +52,7 @@ struct Survey {
   std::mt19937 random{7};
   std::normal_distribution<double> gauss;
 
-  Survey() {
+  ControlSurvey() {
     const SE3 anywhere = SE3::fromEuler(0.06, -0.04, 2, {30, -20, 4});
     for (int line = 0; line < 7; ++line)
       for (int k = 0; k < 12; ++k) {
@@ -127,7 +128,7 @@ struct Survey {
 };
 
 TEST(ControlNetwork, FivePointsPlaceTurnAndScaleADiveWhoseChecksAreWhereTheyAreClaimed) {
-  Survey survey;
+  ControlSurvey survey;
   survey.addUsual();
   const ControlResult result = survey.adjusted();
   EXPECT_TRUE(result.converged);
@@ -145,7 +146,7 @@ TEST(ControlNetwork, FivePointsPlaceTurnAndScaleADiveWhoseChecksAreWhereTheyAreC
 }
 
 TEST(ControlNetwork, ScaleBarsAloneGiveTheScaleAndMoveNothing) {
-  Survey survey;
+  ControlSurvey survey;
   for (const double east : {0.3, 3.5}) {
     const auto a = survey.add({0.5, east}, false, false), b = survey.add({3.5, east}, false, false);
     survey.control.bars.push_back({a, b, 3.0, 0.0005, false});
@@ -159,7 +160,7 @@ TEST(ControlNetwork, ScaleBarsAloneGiveTheScaleAndMoveNothing) {
 }
 
 TEST(ControlNetwork, OnePointTellsNoScale) {
-  Survey survey;
+  ControlSurvey survey;
   (void)survey.add({2, 2}, true, false);
   const ControlResult result = survey.adjusted();
   EXPECT_FALSE(result.scaled);
@@ -168,7 +169,7 @@ TEST(ControlNetwork, OnePointTellsNoScale) {
 }
 
 TEST(ControlNetwork, APointSurveyedElsewhereAndAMarkOnAnotherStoneAreLeftOutAndNamed) {
-  Survey survey;
+  ControlSurvey survey;
   survey.addUsual();
   survey.control.points[1].place->x() += 0.5;
   for (ControlSighting& mark : survey.sightings)
@@ -228,7 +229,7 @@ TEST_F(ControlFiles, EastingsAreOfTheGridThatSomebodyNames) {
   points("name,easting,northing,depth\nA,500000,6250000,12\n");
   EXPECT_THAT(why(), HasSubstr("--control-crs"));
   const auto control = readControlPoints(folder_.path(), "EPSG:32755");
-  EXPECT_NEAR(control.points[0].on_earth->longitude * 180 / M_PI, 147, 1e-6);
+  EXPECT_NEAR(radiansToDegrees(control.points[0].on_earth->longitude), 147, 1e-6);
   EXPECT_THAT(why("EPSG:4326"), HasSubstr("is no projected"));
   points("name,north,east,depth\nA,6250000,500000,12\n");
   EXPECT_THAT(why(), HasSubstr("wide grid"));

@@ -3,9 +3,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/import/images/image_pairs.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"

@@ -56,7 +56,7 @@ TEST_F(FoundCalibration, IsSaidAndTakesTheImagesSizes) {
 
 TEST_F(FoundCalibration, OfOtherImagesIsRefused) {
   writeImage("left/1.pgm", 32, 20);
-  EXPECT_THAT(refusal(), HasSubstr("rig.json: left: the principal point 31.0 23.0 lies outside"));
+  EXPECT_THAT(refusal(), HasSubstr("rig.json: left: the principal point 31.0 23.0 is outside"));
   options_.calib_unit.reset();
   EXPECT_THAT(refusal(), HasSubstr("--calib-unit mm"));
 }
@@ -68,7 +68,7 @@ TEST_F(FoundCalibration, IsOneOfSeveralWhenNamed) {
   EXPECT_NEAR(open().rig.baseline(), 0.3, 1e-15);
 }
 
-TEST_F(FoundCalibration, ImagesThatAreLinksAreNamedWhereTheyLie) {
+TEST_F(FoundCalibration, ImagesThatAreLinksAreNamedInPlace) {
   const test::TemporaryFolder elsewhere;
   std::filesystem::rename(folder_.path() / "left/1.pgm", elsewhere.path() / "1.pgm");
   std::filesystem::create_symlink(elsewhere.path() / "1.pgm", folder_.path() / "left/1.pgm");

@@ -40,7 +40,7 @@ SE3 poseAt(double north, double east, double heading) {
   return SE3::fromEuler(kTilt, 0, heading, {north, east, -kHeight});
 }
 
-// What it sees under a lamp that it carries, blurred along its way and noisy.
+// What it sees under a lamp that it carries, blurred along its track and noisy.
 GroundView seen(const cv::Mat& ground, const SE3& T_world_cam, unsigned seed) {
   const Camera c = camera();
   std::mt19937 random(seed);
@@ -87,7 +87,7 @@ TEST(GroundAlignment, FramesOfBareMudAreLaidOnEachOther) {
   EXPECT_GT(found.inliers, 165);
 }
 
-TEST(GroundAlignment, TheOtherWayRoundIsTheInverse) {
+TEST(GroundAlignment, TheReverseIsTheInverse) {
   const cv::Mat ground = mud();
   const SE3 a = poseAt(0, 0, 0.2), b = poseAt(0.35, 0.2, 0.36);
   const GroundAlignment found = alignGround(camera(), seen(ground, b, 2), seen(ground, a, 1));

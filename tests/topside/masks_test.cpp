@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <random>
 
-#include "recon/geometry/mesh_io.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/reef_quick.hpp"

@@ -5,13 +5,14 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/compare/plane_frame.hpp"
-#include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/exports/model_glb.hpp"
-#include "recon/topside/exports/model_las.hpp"
-#include "recon/topside/exports/results_files.hpp"
-#include "recon/topside/tiles/tileset.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/products/exports/model_glb.hpp"
+#include "recon/products/exports/model_las.hpp"
+#include "recon/products/exports/results_files.hpp"
+#include "recon/products/tiles/tileset.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/tiles/synthetic_model.hpp"
@@ -29,7 +30,7 @@ class TileFolder : public ::testing::Test {
     for (int x = -1; x <= 1; ++x)
       for (int y = -1; y <= 1; ++y) {
         const TileId id{0, x, y};
-        test::SyntheticModel model;
+        synthetic::SyntheticModel model;
         if (tiles_.size() == 8) model.texels = 0;
         GlbConfig config;
         config.gpu_texture = "beside.ktx2";
@@ -160,7 +161,7 @@ TEST_F(TileFolder, LasHoldsTheVerticesInUtmWithTheirColours) {
     };
     const Eigen::Vector3d place = mesh.vertices[k].cast<double>();
     const Geodetic geodetic = local.toGeodetic({place.y(), place.x()});
-    std::vector<double> x{geodetic.longitude * 180 / M_PI}, y{geodetic.latitude * 180 / M_PI};
+    std::vector<double> x{radiansToDegrees(geodetic.longitude)}, y{radiansToDegrees(geodetic.latitude)};
     utm.apply(x, y);
     EXPECT_NEAR(coordinate(0), x[0], 1e-3);
     EXPECT_NEAR(coordinate(1), y[0], 1e-3);

@@ -3,8 +3,9 @@
 
 #include <numbers>
 
-#include "recon/slam/pose_graph.hpp"
-#include "recon/topside/input/nav_files/nav_data.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/import/navigation/nav_data.hpp"
+#include "recon/solver/pose_graph.hpp"
 #include "recon/topside/localise/known_places.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -13,9 +14,7 @@ namespace fathom::topside {
 namespace {
 
 using testing::Contains, testing::HasSubstr;
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr std::int64_t kNoon = 1'708'171'200'000'000'000;  // 2024-02-17T12:00:00Z
-constexpr std::int64_t kSecond = 1'000'000'000;
 
 class NavFiles : public testing::Test {
  protected:
@@ -47,10 +46,11 @@ TEST_F(NavFiles, ColumnsAreKnownByTheirUsualNamesAndUnits) {
       "2024-02-17T12:00:01Z,,,1240,,,,,\n");
   ASSERT_EQ(data.position.size(), 1u);
   EXPECT_EQ(data.position[0].utc_ns, kNoon);
-  EXPECT_TRUE(data.position[0].value.isApprox(Eigen::Vector3d(-33.5 * kDegree, 151.25 * kDegree, 3)));
+  EXPECT_TRUE(data.position[0].value.isApprox(
+      Eigen::Vector3d(-33.5 * kRadiansPerDegree, 151.25 * kRadiansPerDegree, 3)));
   ASSERT_EQ(data.depth.size(), 2u);
   EXPECT_NEAR(data.depth[1].value.x(), 12.40, 1e-12);
-  EXPECT_NEAR(data.heading.at(0).value.x(), 90 * kDegree, 1e-12);
+  EXPECT_NEAR(data.heading.at(0).value.x(), 90 * kRadiansPerDegree, 1e-12);
   EXPECT_TRUE(data.tilt.at(0).value.isApprox(Eigen::Vector3d(0.1, -0.2, 0)));
   EXPECT_EQ(data.altitude.at(0).value.x(), 2.5);
   EXPECT_THAT(data.assumed, Contains(HasSubstr("latitude (Lat [deg])")));
@@ -59,21 +59,21 @@ TEST_F(NavFiles, ColumnsAreKnownByTheirUsualNamesAndUnits) {
 TEST_F(NavFiles, ColumnsThatAreNamedCountForMore) {
   options_.columns = "time=ms:ms,depth=z:ft,heading=h:rad,forward=vx:kn,starboard=vy:kn";
   const NavData data = read("ms;z;h;heading;vx;vy\n1708171200250;10;1;77;2;0\n");
-  EXPECT_EQ(data.depth.at(0).utc_ns, kNoon + kSecond / 4);
+  EXPECT_EQ(data.depth.at(0).utc_ns, kNoon + kSecond_ns / 4);
   EXPECT_NEAR(data.depth[0].value.x(), 3.048, 1e-12);
   EXPECT_EQ(data.heading.at(0).value.x(), 1);
   EXPECT_NEAR(data.velocity.at(0).value.x(), 2 * 1852.0 / 3600, 1e-12);
   options_.columns = "time=t:%d.%m.%Y %H:%M:%S";
-  EXPECT_EQ(read("t,depth\n17.02.2024 12:00:05,1\n").depth.at(0).utc_ns, kNoon + 5 * kSecond);
+  EXPECT_EQ(read("t,depth\n17.02.2024 12:00:05,1\n").depth.at(0).utc_ns, kNoon + 5 * kSecond_ns);
   options_.columns = "";
-  EXPECT_EQ(read("date,time,depth\n2024-02-17,12:00:07,1\n").depth.at(0).utc_ns, kNoon + 7 * kSecond);
+  EXPECT_EQ(read("date,time,depth\n2024-02-17,12:00:07,1\n").depth.at(0).utc_ns, kNoon + 7 * kSecond_ns);
 }
 
 TEST_F(NavFiles, EastingsAndNorthingsOfACrsArePlaces) {
   options_.crs = "EPSG:32756";
   const NavData data = read("time,easting,northing\n1708171200,337770.26,6251852.46\n");
-  EXPECT_NEAR(data.position.at(0).value.x() / kDegree, -33.86, 0.01);
-  EXPECT_NEAR(data.position[0].value.y() / kDegree, 151.24, 0.01);
+  EXPECT_NEAR(data.position.at(0).value.x() / kRadiansPerDegree, -33.86, 0.01);
+  EXPECT_NEAR(data.position[0].value.y() / kRadiansPerDegree, 151.24, 0.01);
   options_.crs = "EPSG:4326";
   EXPECT_THAT(refusal("time,easting,northing\n1708171200,1,2\n"), HasSubstr("no projected coordinate"));
 }
@@ -95,7 +95,7 @@ TEST_F(NavFiles, PlacesThatNoVehicleReachesAreLeftOutAndCounted) {
       "time,lat,lon\n1708171200,0,0\n1708171201,-33.5,151.25\n1708171202,-33.5,151.25\n"
       "1708171203,-33.5001,151.25\n1708171204,33.5,151.25\n");
   EXPECT_EQ(data.position.size(), 3u);
-  EXPECT_NEAR(originOf(data)->latitude / kDegree, -33.5, 1e-9);
+  EXPECT_NEAR(originOf(data)->latitude / kRadiansPerDegree, -33.5, 1e-9);
   EXPECT_THAT(data.assumed,
               Contains("2 positions at 0 N 0 E or over 100 km from those before and after are left out"));
   EXPECT_THAT(refusal("time,lat,lon\n1708171200,0,0\n"), HasSubstr("holds no navigation"));
@@ -121,8 +121,8 @@ TEST_F(NavFiles, HemispheresAreRead) {
         "time,lat,lon\n1708171200,-23.5,208.75\n"}) {
     const NavData data = read(text);
     ASSERT_EQ(data.position.size(), 1u) << text;
-    EXPECT_NEAR(data.position[0].value.x() / kDegree, -23.5, 1e-9) << text;
-    EXPECT_NEAR(data.position[0].value.y() / kDegree, -151.25, 1e-9) << text;
+    EXPECT_NEAR(data.position[0].value.x() / kRadiansPerDegree, -23.5, 1e-9) << text;
+    EXPECT_NEAR(data.position[0].value.y() / kRadiansPerDegree, -151.25, 1e-9) << text;
   }
   EXPECT_THAT(refusal("time,lat,lat_ns,lon\n1708171200,23.5,up,151\n"),
               HasSubstr("row 1: has 'up' where N or S"));
@@ -165,18 +165,18 @@ TEST_F(NavFiles, NonsenseIsRefusedByItsPlace) {
 }
 
 TEST_F(NavFiles, SentencesOfNmea0183AreRead) {
-  options_.declination = 12 * kDegree;
+  options_.declination = 12 * kRadiansPerDegree;
   const NavData data = read(nmea("GPZDA,120000.00,17,02,2024,00,00") +
                             nmea("GPGGA,120000.50,3352.000,S,15112.000,E,1,8,1.0,0,M,0,M,,") +
                             nmea("HEHDT,350.0,T") + nmea("HCHDM,10.0,M") + nmea("SDDBT,8.2,f,2.5,M,1.4,F") +
                             nmea("YXXDR,A,2.0,D,PITCH,A,-1.0,D,ROLL") + nmea("VDVBW,0,0,V,1.0,0.5,A") +
                             "$HEHDT,123.0,T*00\r\n");
-  EXPECT_NEAR(data.position.at(0).value.x() / kDegree, -(33 + 52.0 / 60), 1e-12);
-  EXPECT_EQ(data.position[0].utc_ns, kNoon + kSecond / 2);
+  EXPECT_NEAR(data.position.at(0).value.x() / kRadiansPerDegree, -(33 + 52.0 / 60), 1e-12);
+  EXPECT_EQ(data.position[0].utc_ns, kNoon + kSecond_ns / 2);
   ASSERT_EQ(data.heading.size(), 1u) << "of one time one heading, and none with a wrong checksum";
-  EXPECT_NEAR(data.heading[0].value.x(), 350 * kDegree, 1e-12);
+  EXPECT_NEAR(data.heading[0].value.x(), 350 * kRadiansPerDegree, 1e-12);
   EXPECT_EQ(data.altitude.at(0).value.x(), 2.5);
-  EXPECT_TRUE(data.tilt.at(0).value.isApprox(Eigen::Vector3d(-kDegree, 2 * kDegree, 0)));
+  EXPECT_TRUE(data.tilt.at(0).value.isApprox(Eigen::Vector3d(-kRadiansPerDegree, 2 * kRadiansPerDegree, 0)));
   EXPECT_NEAR(data.velocity.at(0).value.y(), 0.5 * 1852 / 3600, 1e-12);
   EXPECT_THAT(data.assumed, Contains(HasSubstr("1 with a wrong checksum")));
 }
@@ -184,17 +184,17 @@ TEST_F(NavFiles, SentencesOfNmea0183AreRead) {
 TEST_F(NavFiles, ATimeOfDayIsOfTheDayOfTheImages) {
   const std::string text = nmea("GPGGA,235959.00,3352.0,S,15112.0,E,1,8,1.0,0,M,0,M,,") +
                            nmea("GPGGA,000001.00,3352.0,S,15112.0,E,1,8,1.0,0,M,0,M,,");
-  const std::int64_t midnight = kNoon + 12 * 3600 * kSecond;
-  const NavData data = read(text, midnight + 5 * kSecond);
+  const std::int64_t midnight = kNoon + 12 * 3600 * kSecond_ns;
+  const NavData data = read(text, midnight + 5 * kSecond_ns);
   ASSERT_EQ(data.position.size(), 2u);
-  EXPECT_EQ(data.position[0].utc_ns, midnight - kSecond);
-  EXPECT_EQ(data.position[1].utc_ns, midnight + kSecond);
+  EXPECT_EQ(data.position[0].utc_ns, midnight - kSecond_ns);
+  EXPECT_EQ(data.position[1].utc_ns, midnight + kSecond_ns);
   EXPECT_THAT(refusal(text), HasSubstr("times of day without a date"));
 }
 
 TEST_F(NavFiles, ALoggersOwnTimeIsTakenBeforeTheSentences) {
   const NavData data = read("2024-02-17T12:00:03.250Z " + nmea("HEHDT,10.0,T"));
-  EXPECT_EQ(data.heading.at(0).utc_ns, kNoon + 3 * kSecond + kSecond / 4);
+  EXPECT_EQ(data.heading.at(0).utc_ns, kNoon + 3 * kSecond_ns + kSecond_ns / 4);
 }
 
 TEST_F(NavFiles, AreKnownBetweenTheirRowsAndNotFarFromThem) {
@@ -204,7 +204,7 @@ TEST_F(NavFiles, AreKnownBetweenTheirRowsAndNotFarFromThem) {
       "1708171202,-33,151,12,1,1,0\n1708171232,-33,151,12,1,1,0\n");
   const Geodetic origin = *originOf(data);
   const auto known =
-      knownAt(data, origin, {kNoon, kNoon + kSecond, kNoon + 2 * kSecond, kNoon + 20 * kSecond});
+      knownAt(data, origin, {kNoon, kNoon + kSecond_ns, kNoon + 2 * kSecond_ns, kNoon + 20 * kSecond_ns});
   EXPECT_NEAR(*known[1].depth, 11, 1e-12);
   EXPECT_NEAR(*known[1].heading, 0, 1e-12) << "359 and 1 degrees";
   EXPECT_EQ(known[1].sigma, 1);

@@ -1,4 +1,5 @@
 #include "recon/topside/input/navigation.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,7 +8,7 @@
 #include <map>
 #include <random>
 
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "tests/support/test_data.hpp"
@@ -16,7 +17,7 @@ namespace fathom::topside {
 namespace {
 
 constexpr std::int64_t kStart = 1'700'000'000'000'000'000;  // [ns]
-constexpr double kDepth = 20, kSpeed = 0.5;                 // [m], northwards [m/s]
+constexpr double kTrackDepth = 20, kSpeed = 0.5;            // [m], northwards [m/s]
 
 std::int64_t at(double seconds) {
   return kStart + std::llround(seconds * 1e9);
@@ -53,7 +54,7 @@ struct MadeDive {
       attitude.magnetic = false;
       arrives(t, attitude);
       const double sea = tide * std::sin(2 * M_PI * t / 1800 + 0.5);
-      arrives(t, DepthSample{at(t), kDepth + sea});
+      arrives(t, DepthSample{at(t), kTrackDepth + sea});
       const Geodetic g = projection.toGeodetic({kSpeed * t, 0});
       if (tick % 5 == 0) {
         for (const double when : usbl)
@@ -163,14 +164,14 @@ TEST(NavigationTide, IsTakenOutOfTheDepth) {
   const Navigation navigation = dive.navigated({50, 120, 190});
   for (const NavigatedPose& pose : navigation.poses) {
     ASSERT_TRUE(pose.T_nav_body);
-    EXPECT_NEAR(pose.T_nav_body->translation().z(), kDepth, 0.005);
+    EXPECT_NEAR(pose.T_nav_body->translation().z(), kTrackDepth, 0.005);
   }
 }
 
 TEST(Survey, OnlyACameraThatLooksAsideHasItsRangesFromTheImages) {
   MissionInput input;
   const auto beside = [&](double degrees) {
-    input.mission.T_body_cam = SE3::fromEuler(degrees * M_PI / 180, 0, M_PI / 2, {0, 0, 0});
+    input.mission.T_body_cam = SE3::fromEuler(degreesToRadians(degrees), 0, M_PI / 2, {0, 0, 0});
     return seesBeside(input);
   };
   EXPECT_FALSE(beside(0));

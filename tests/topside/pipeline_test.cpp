@@ -6,9 +6,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/tiny_mission.hpp"
@@ -44,7 +44,7 @@ class TopsidePipeline : public ::testing::Test {
   test::TemporaryFolder folder_;
 };
 
-TEST_F(TopsidePipeline, TheMapLiesOnTheTrueSeafloor) {
+TEST_F(TopsidePipeline, TheMapIsOnTheTrueSeafloor) {
   const Summary done = runTopside(mission(), mission() / "topside", {});
   EXPECT_EQ(done.used, 8u);
   const Mesh mesh = readPly(result("mesh.ply"));

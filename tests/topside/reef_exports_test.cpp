@@ -8,14 +8,14 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/topside/exports/colmap_model.hpp"
-#include "recon/topside/exports/gdal_files.hpp"
-#include "recon/topside/exports/orthomosaic.hpp"
-#include "recon/topside/exports/qgis_project.hpp"
-#include "recon/topside/exports/results_files.hpp"
-#include "recon/topside/exports/sparse_model_input.hpp"
-#include "recon/topside/exports/survey_geopackage.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/products/exports/colmap_model.hpp"
+#include "recon/products/exports/gdal_files.hpp"
+#include "recon/products/exports/orthomosaic.hpp"
+#include "recon/products/exports/qgis_project.hpp"
+#include "recon/products/exports/results_files.hpp"
+#include "recon/products/exports/survey_geopackage.hpp"
+#include "recon/topside/assemble/sparse_model_input.hpp"
 #include "tests/support/program_run.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/colmap_files.hpp"
@@ -77,7 +77,7 @@ TEST_F(ReefQuick, ResultsLeadToTheirMissionsCameras) {
   EXPECT_TRUE(std::filesystem::exists(scene / frames[0].at("file_path").get<std::string>()));
 }
 
-TEST_F(ReefQuick, AProjectOfQgisNamesEveryLayerWhereItLies) {
+TEST_F(ReefQuick, AProjectOfQgisNamesEveryLayerInItsPlace) {
   const std::filesystem::path folder = out_->path() / "gis", results = run().out;
   writeQgisProject(folder, results, "EPSG:32631", 0);
   writeQgisProject(folder, results, "EPSG:32631", 0);  // over its own

@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "recon/topside/exports/gdal_files.hpp"
-#include "recon/topside/exports/orthomosaic.hpp"
-#include "recon/topside/exports/results_files.hpp"
-#include "recon/topside/exports/survey_geopackage.hpp"
+#include "recon/products/exports/gdal_files.hpp"
+#include "recon/products/exports/orthomosaic.hpp"
+#include "recon/products/exports/results_files.hpp"
+#include "recon/products/exports/survey_geopackage.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/reef_quick.hpp"
 

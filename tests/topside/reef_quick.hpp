@@ -6,7 +6,7 @@
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "tests/support/test_data.hpp"
 

@@ -5,11 +5,10 @@
 #include <cpl_error.h>
 #include <gdal_priv.h>
 
-#include <numbers>
-
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/tiles/check/tile_check.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/products/tiles/check/tile_check.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/reef_quick.hpp"
 
@@ -32,8 +31,8 @@ class RegionOfADive : public ReefQuick {
     for (std::size_t k = 0; k <= corners.size(); ++k) {
       const auto& [north, east] = corners[k % corners.size()];
       const Geodetic at = projection.toGeodetic({north, east});
-      text += formatted("%s[%.10f,%.10f]", k > 0 ? "," : "", at.longitude * 180 / std::numbers::pi,
-                        at.latitude * 180 / std::numbers::pi);
+      text += formatted("%s[%.10f,%.10f]", k > 0 ? "," : "", radiansToDegrees(at.longitude),
+                        radiansToDegrees(at.latitude));
     }
     return text + "]";
   }

@@ -8,8 +8,8 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "tests/support/test_data.hpp"
@@ -125,7 +125,7 @@ TEST_F(Resume, AFlippedBitInTheWorkIsNoticedAndTheResultMadeAgain) {
   EXPECT_EQ(madeIn(report, "piece"), 1u);
 }
 
-TEST_F(Resume, AChangedPoseMakesAnewOnlyThePiecesThatItTouches) {
+TEST_F(Resume, AChangedPoseMakesOnlyThePiecesThatItTouches) {
   RunPlaces places = placesFor("poses");
   places.input.poses = folder_->path() / "poses.data";
   io::StereoPoseFile poses = io::readStereoPoses(folder_->path() / "first" / "stereo_pose_est.data");

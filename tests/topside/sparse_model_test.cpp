@@ -1,15 +1,15 @@
-#include "recon/topside/exports/sparse_model.hpp"
+#include "recon/products/exports/sparse_model.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/mesh_io.hpp"
-#include "recon/topside/exports/colmap_model.hpp"
-#include "recon/topside/exports/feature_tracks.hpp"
-#include "recon/topside/exports/nerfstudio_scene.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_reader.hpp"
+#include "recon/products/exports/colmap_model.hpp"
+#include "recon/products/exports/feature_tracks.hpp"
+#include "recon/products/exports/nerfstudio_scene.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/colmap_files.hpp"
@@ -72,7 +72,7 @@ TEST_F(SparseDive, FeaturesThatMatchesJoinAreOnePointSeenByAllTheirViews) {
   EXPECT_LT(model_.meanError(), 1e-3);
 }
 
-TEST_F(SparseDive, AMatchThatPutsTwoFeaturesOfOneViewInOnePointIsNotBelieved) {
+TEST_F(SparseDive, AMatchThatPutsTwoFeaturesOfOneViewInOnePointIsRejected) {
   joinFeatures({all(0, 1), {1, 2, {{0, 0}, {1, 2}}}, {0, 2, {{1, 1}}}}, model_);
   // Feature 1 of view 0 leads to features 1 and 2 of view 2.
   EXPECT_THAT(viewsOfPoints(), UnorderedElementsAre(3, 1, 1, 1, 1, 2));

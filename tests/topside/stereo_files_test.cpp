@@ -1,4 +1,4 @@
-#include "recon/topside/input/images/stereo_files.hpp"
+#include "recon/import/images/stereo_files.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,8 +6,8 @@
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/topside/input/images/name_times.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/import/images/name_times.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -52,7 +52,7 @@ TEST_F(StereoFileNames, WordsAnywhereTellLeftFromRight) {
   EXPECT_THAT(
       files.assumed,
       ElementsAre(
-          "left and right images are told apart by 'left' and 'right'", "1 other images are left out",
+          "left and right images are distinguished by 'left' and 'right'", "1 other images are left out",
           "1 image without its partner is left out: left02.png",
           "no times in names or EXIF that differ: pairs are taken in order of name, half a second apart"));
 }

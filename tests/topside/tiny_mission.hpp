@@ -5,9 +5,9 @@
 #include <filesystem>
 #include <vector>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/sensor_log.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 
 namespace fathom::topside {
 

@@ -10,7 +10,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kStep = 0.25, kAltitude = 2.0;  // [m]
+constexpr double kFrameStep = 0.25, kCameraAltitude = 2.0;  // [m]
 
 // Pairs over level ground whose points all look different.
 struct SeenGround final : FeatureStore {
@@ -27,7 +27,7 @@ struct SeenGround final : FeatureStore {
     std::uniform_real_distribution<double> metres(-2, 3);
     std::vector<Point> some(count);
     for (Point& p : some) {
-      p.place = {metres(random), metres(random), 10 + kAltitude};
+      p.place = {metres(random), metres(random), 10 + kCameraAltitude};
       for (std::uint8_t& byte : p.looks) byte = static_cast<std::uint8_t>(random() & 0x7F);
     }
     return some;
@@ -63,15 +63,17 @@ TEST(VisualOdometry, AStepThatTurnsOtherwiseThanDeadReckoningIsConfirmedByThePai
     Frames frames;
     frames.features = &ground;
     for (std::uint32_t k = 0; k < kPairs; ++k) {
-      const auto pose = [&](double heading) { return SE3::fromEuler(0, 0, heading, {kStep * k, 0, 10}); };
+      const auto pose = [&](double heading) {
+        return SE3::fromEuler(0, 0, heading, {kFrameStep * k, 0, 10});
+      };
       const double stepped = k >= kAt ? kStepped : 0;
       ground.see(k, reef, pose(0));
       // Turning with the vehicle, in two pairs only: a false link.
       if (!compass && (k == kAt || k + 1 == kAt)) ground.see(k, shoal, pose(stepped));
       frames.pair.push_back(k);
       frames.reckoned.push_back(pose(compass ? stepped : 0));
-      frames.range.push_back(kAltitude);
-      frames.way.push_back(kStep * k);
+      frames.range.push_back(kCameraAltitude);
+      frames.travelled.push_back(kFrameStep * k);
     }
     const std::vector<slam::NavigationLink> links = visualOdometry(ground.rig, frames);
     ASSERT_EQ(links.size(), kPairs - 1);

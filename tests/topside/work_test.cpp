@@ -3,7 +3,7 @@
 
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/work/stage_store.hpp"
 #include "tests/support/test_data.hpp"
 

@@ -6,8 +6,8 @@
 #include <fstream>
 #include <map>
 
-#include "firmware_if/can/candump.hpp"
-#include "firmware_if/can/n2k_decoder.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/uml/live_bus.hpp"
 
@@ -38,12 +38,12 @@ class CanSendingOnARealInterface : public ::testing::Test {
     const std::int64_t end = clock_.monotonicNs() + static_cast<std::int64_t>(seconds * 1e9);
     while (clock_.monotonicNs() < end) {
       source.publish(report());
-      static_cast<void>(source.poll(10, heard_));
+      static_cast<void>(source.poll(10, received_));
     }
   }
   io::CanConfig config_;
   VehicleClock clock_;
-  Heard heard_;
+  ReceivedSamples received_;
 };
 
 TEST_F(CanSendingOnARealInterface, CandumpShowsFramesThatReadBackAsTheReport) {
@@ -75,11 +75,11 @@ TEST_F(CanSendingOnARealInterface, CandumpShowsFramesThatReadBackAsTheReport) {
 
 TEST_F(CanSendingOnARealInterface, TwoThatWantOneAddressEndWithTwo) {
   io::CanConfig other_config = config_;
-  other_config.sender.name.unique_number = 9;  // a higher NAME: it has to give way
+  other_config.sender.name.unique_number = 9;  // a higher NAME: it has to yield
   CanSource source(config_, clock_), other(other_config, clock_);
   for (int i = 0; i < 100; ++i) {
-    static_cast<void>(source.poll(5, heard_));
-    static_cast<void>(other.poll(5, heard_));
+    static_cast<void>(source.poll(5, received_));
+    static_cast<void>(other.poll(5, received_));
   }
   EXPECT_EQ(counter(source, "address"), 120U);
   EXPECT_EQ(counter(source, "addresses_lost"), 0U);
@@ -93,21 +93,21 @@ TEST_F(CanSendingOnARealInterface, ARequestForClaimsIsAnsweredAndSoIsALaterRival
   run(source, 0.4);
   while (peer.receive(0)) {
   }
-  const auto heardId = [&](std::uint32_t id) {
+  const auto receivedId = [&](std::uint32_t id) {
     while (const auto frame = peer.receive(200))
       if (frame->can_id == (id | CAN_EFF_FLAG)) return true;
     return false;
   };
   peer.send(0x18EAFF07U | CAN_EFF_FLAG, {0x00, 0xEE, 0x00});
   run(source, 0.1);
-  EXPECT_TRUE(heardId(0x18EEFF78));
+  EXPECT_TRUE(receivedId(0x18EEFF78));
   peer.send(0x18EEFF78U | CAN_EFF_FLAG, {0, 0, 0, 0, 0, 0, 0, 0});
   run(source, 0.4);
-  EXPECT_TRUE(heardId(0x18EEFF79));
+  EXPECT_TRUE(receivedId(0x18EEFF79));
   EXPECT_EQ(counter(source, "addresses_lost"), 1U);
 }
 
-TEST_F(CanSendingOnARealInterface, ClaimsAnewWhenTheInterfaceIsBack) {
+TEST_F(CanSendingOnARealInterface, ClaimsAgainWhenTheInterfaceIsBack) {
   CanSource source(config_, clock_);
   run(source, 0.1);
   shell("ip link set vcan1 down");

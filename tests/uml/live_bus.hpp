@@ -1,21 +1,69 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <linux/can.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <poll.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <array>
+#include <cstdint>
 #include <cstdlib>
+#include <cstring>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
 #include <vector>
 
-#include "firmware_if/can/bus/can_source.hpp"
-#include "tests/uml/bus_peer.hpp"
+#include "firmware_if/devices/can/bus/can_source.hpp"
+#include "realtime/base/units.hpp"
 
-// What tests of CanSource on a real interface share; they run inside the user-mode Linux (`uml_run --can`).
+// Shared by the tests of CanSource on a real interface, which run inside the user-mode Linux (`uml_run
+// --can`).
 namespace fathom::uml {
 
-inline constexpr std::int64_t kSecond_ns = 1'000'000'000;
+// Another device on the bus: a raw socket without filters, written apart from the code under test.
+class BusPeer {
+ public:
+  explicit BusPeer(const char* interface) : fd_(::socket(PF_CAN, SOCK_RAW, CAN_RAW)) {
+    ifreq request = {};
+    std::strncpy(request.ifr_name, interface, IFNAMSIZ - 1);
+    sockaddr_can address = {};
+    address.can_family = AF_CAN;
+    if (::ioctl(fd_, SIOCGIFINDEX, &request) != 0) std::abort();
+    address.can_ifindex = request.ifr_ifindex;
+    if (::bind(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) std::abort();
+  }
+  ~BusPeer() { ::close(fd_); }
+  BusPeer(const BusPeer&) = delete;
+  BusPeer& operator=(const BusPeer&) = delete;
+
+  // `id` with the flags of linux/can.h.
+  bool send(std::uint32_t id, const std::vector<std::uint8_t>& data) {
+    can_frame frame = {};
+    frame.can_id = id;
+    frame.len = static_cast<std::uint8_t>(data.size());
+    std::copy(data.begin(), data.end(), frame.data);
+    return ::write(fd_, &frame, sizeof frame) == sizeof frame;
+  }
+  bool send(std::uint32_t pgn, std::uint8_t source, const std::vector<std::uint8_t>& data) {
+    return send((3U << 26) | (pgn << 8) | source | CAN_EFF_FLAG, data);
+  }
+  std::optional<can_frame> receive(int timeout_ms) {
+    pollfd socket = {fd_, POLLIN, 0};
+    can_frame frame = {};
+    if (::poll(&socket, 1, timeout_ms) != 1 || ::read(fd_, &frame, sizeof frame) != sizeof frame)
+      return std::nullopt;
+    return frame;
+  }
+
+ private:
+  int fd_;
+};
 
 // Monotonic time from a fixed moment on, as the vehicle's.
 class VehicleClock final : public rt::Clock {
@@ -29,8 +77,8 @@ class VehicleClock final : public rt::Clock {
   rt::RealClock real_;
 };
 
-struct Heard final : io::SampleSink {
-  Heard() {
+struct ReceivedSamples final : io::SampleSink {
+  ReceivedSamples() {
     samples.reserve(1000);
     raw_bytes.reserve(1 << 20);
   }

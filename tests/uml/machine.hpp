@@ -5,7 +5,7 @@
 #include "tests/support/program_run.hpp"
 #include "tests/uml/machine_files.hpp"
 
-// uml_run as a test calls it. The calling target depends on target uml_run and is made by fathom_test.
+// Calls uml_run from a test. The test's target depends on uml_run and is defined by fathom_test.
 namespace fathom::uml {
 
 // Begin a test with this, so that it skips, saying so, where there is none.

@@ -1,8 +1,7 @@
 #pragma once
 
-// What the program outside (uml_run) and the first process inside (uml_init) tell each other: files of a job
-// folder on the host, which the machine sees as its own through hostfs. Lists are NUL-terminated strings, one
-// behind the other.
+// Messages between the program outside (uml_run) and the first process inside (uml_init): files of a job
+// folder on the host, which the machine sees through hostfs. Lists are sequences of NUL-terminated strings.
 namespace fathom::uml {
 
 inline constexpr const char* kJobVariable = "FATHOM_UML_JOB";    // kernel parameter: the job folder

@@ -52,7 +52,7 @@ TEST_F(UserModeLinux, APowerCutKeepsWhatWasSyncedAndLosesWhatWasNot) {
 
 TEST_F(UserModeLinux, ACutVolatileCacheKeepsWhatWasFlushedAndTearsWhatWasNot) {
   const std::string out = folder_.path().string();
-  // The second write is on its way without a flush: O_DIRECT hands it to the drive.
+  // The second write is not flushed: O_DIRECT hands it to the drive.
   const MachineRun cut =
       runMachine("--disk " + disk_ + " --format 32 --volatile-cache 7 --cut-after 3 -- bash -c '" +
                  "cd $FATHOM_UML_DISK; " + "head -c 65536 /dev/zero > torn; echo kept > kept; sync; " +

@@ -4,8 +4,8 @@
 #include <cstdio>
 #include <sstream>
 
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/text_files.hpp"
@@ -64,15 +64,15 @@ PowerCut cutPower(const PowerCutOptions& options, const std::filesystem::path& f
     cut.wrong.insert(cut.wrong.end(), found.wrong.begin(), found.wrong.end());
     cut.wrong.insert(cut.wrong.end(), after.wrong.begin(), after.wrong.end());
     cut.offered = status.offered();
-    cut.told_safe = status.safe();
+    cut.durable = status.safe();
     cut.found = found.next;
     cut.lost_ms = status.lostMs(found.next);
     cut.images = found.images;
     cut.after_restart = after.inputs - std::min(after.inputs, found.inputs);
     if (found.skipped != 0) cut.wrong.push_back("inputs are missing in the middle");
-    if (found.next < cut.told_safe) cut.wrong.push_back("an input that was told to be safe is gone");
-    if (cut.lost_ms > kMostLostMs) cut.wrong.push_back("more than a second is gone");
-    if (cut.after_restart == 0) cut.wrong.push_back("recording did not go on");
+    if (found.next < cut.durable) cut.wrong.push_back("an input that was reported durable is lost");
+    if (cut.lost_ms > kMostLostMs) cut.wrong.push_back("more than a second is lost");
+    if (cut.after_restart == 0) cut.wrong.push_back("recording did not continue");
   } catch (const InputError& e) {
     cut.wrong.push_back(e.what());
   }

@@ -22,8 +22,8 @@ int run(Options o) {
   int bad = 0;
   std::int64_t worst_ms = 0;
   std::printf(
-      "cut  after s  offered  told safe  found  lost ms  images  without event  halves  log cut B  went "
-      "on\n");
+      "cut  after s  offered  durable  found  lost ms  images  without event  halves  log cut B  after "
+      "restart\n");
   for (int i = 0; i < o.cuts; ++i) {
     const test::TemporaryFolder folder;
     o.cut.cut_after_s = instant(random);
@@ -38,9 +38,9 @@ int run(Options o) {
       --i;
       continue;
     }
-    std::printf("%3d  %7.3f  %7llu  %9llu  %5llu  %7lld  %6llu  %13llu  %6llu  %9llu  %7llu\n", i + 1,
+    std::printf("%3d  %7.3f  %7llu  %7llu  %5llu  %7lld  %6llu  %13llu  %6llu  %9llu  %7llu\n", i + 1,
                 cut.cut_after_s, static_cast<unsigned long long>(cut.offered),
-                static_cast<unsigned long long>(cut.told_safe), static_cast<unsigned long long>(cut.found),
+                static_cast<unsigned long long>(cut.durable), static_cast<unsigned long long>(cut.found),
                 static_cast<long long>(cut.lost_ms), static_cast<unsigned long long>(cut.images),
                 static_cast<unsigned long long>(cut.images_without_event),
                 static_cast<unsigned long long>(cut.halves),

@@ -8,7 +8,7 @@
 namespace fathom::uml {
 namespace {
 
-TEST(PowerCutWhileRecording, LosesNothingOlderThanASecondAndRecordingGoesOn) {
+TEST(PowerCutWhileRecording, LosesNothingOlderThanASecondAndRecordingContinues) {
   FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE();
   const test::TemporaryFolder folder;
   PowerCutOptions options;
@@ -17,7 +17,7 @@ TEST(PowerCutWhileRecording, LosesNothingOlderThanASecondAndRecordingGoesOn) {
   const PowerCut cut = cutPower(options, folder.path());
   EXPECT_THAT(cut.wrong, ::testing::IsEmpty());
   EXPECT_TRUE(cut.began);
-  EXPECT_GT(cut.told_safe, 0u);
+  EXPECT_GT(cut.durable, 0u);
   EXPECT_GT(cut.images, 0u);
 }
 

@@ -1,10 +1,9 @@
 // A drive with a volatile write cache, put under the user-mode Linux: preloaded into linux.uml, it stands
 // between the machine's loop device, which reaches the image through hostfs, and the image file. (The
 // machine's own block device, ubd, passes no flush on to its file.) A write is acknowledged at once and may
-// lie in the cache until the next flush; each 4 KiB of it reach the medium earlier with an even chance, so
-// that at a power cut any part of what was written since the last flush may be there and any other part may
-// not: all that a drive without power protection promises. Reads see the cache. Closing the image cleanly
-// flushes.
+// stay in the cache until the next flush; each 4 KiB of it reach the medium earlier with probability 1/2, so
+// that a power cut leaves a random part of what was written since the last flush, as for a drive without
+// power protection. Reads see the cache. Closing the image flushes.
 //
 // FATHOM_UML_DRIVE: the image. FATHOM_UML_DRIVE_SEED: of what reaches the medium early.
 

@@ -52,7 +52,7 @@ std::vector<std::string> readList(const std::string& path) {
   return out;
 }
 
-// Whole or not at all: whoever looks from outside never sees half of it.
+// Writes atomically, since the file is read from outside.
 void writeText(const std::string& path, const std::string& text) {
   std::ofstream(path + ".part") << text;
   if (std::rename((path + ".part").c_str(), path.c_str()) != 0) fail(path);

@@ -102,7 +102,7 @@ std::vector<pid_t> children() {
   return out;
 }
 
-// Of the machine and of every process that it made; as their subreaper we inherit those.
+// Kills the machine and all its processes, which this process inherits as their subreaper.
 void killAll() {
   for (;;) {
     const std::vector<pid_t> left = children();
@@ -115,7 +115,7 @@ class JobFolder {
  public:
   JobFolder() {
     std::string name = (fs::temp_directory_path() / "fathom-uml-XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error(name + " cannot be made");
+    if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error(name + " cannot be created");
     path_ = name;
   }
   ~JobFolder() {
@@ -220,7 +220,7 @@ int watch(const Options& options, const JobFolder& job, pid_t machine) {
   }
   if (!fs::exists(job / kStatusFile)) {
     const std::string console = readText(job / "console");
-    // A processor whose registers (AMX's tiles) need more room than the machine's kernel knows of.
+    // The registers of this processor (AMX's tiles) need more room than the machine's kernel has.
     if (console.find(kRegistersTooLarge) != std::string::npos) {
       std::fprintf(stderr, "uml_run: skipped: the user-mode Linux cannot set this processor's registers\n");
       return kSkipped;
@@ -255,14 +255,14 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
   CLI::App app(
-      "Runs one command inside a user-mode Linux that sees this machine's files, and gives back its output "
-      "and exit status");
+      "Runs one command inside a user-mode Linux that sees this machine's files, and returns its output and "
+      "exit status");
   Options options;
   app.add_flag("--can", options.can, "Interfaces vcan0 and vcan1 are up");
   auto* disk =
       app.add_option("--disk", options.disk,
                      "File that is the machine's disk; its ext4 file system is mounted at $FATHOM_UML_DISK");
-  app.add_option("--format", options.format_mib, "Makes the disk anew with this size [MiB]")
+  app.add_option("--format", options.format_mib, "Formats the disk with this size [MiB]")
       ->check(CLI::Range(8, 65536))
       ->needs(disk);
   app.add_option("--volatile-cache", options.cache_seed,

@@ -10,7 +10,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
@@ -50,7 +50,7 @@ TEST_F(DiveServer, PageDiveAndImagesAreServedEachFromItsFolder) {
   EXPECT_EQ(client.Post("/dive/scene.json", "x", "text/plain")->status, 403);
 }
 
-TEST_F(DiveServer, ProjectionsOfEpsgCodesAreTold) {
+TEST_F(DiveServer, ProjectionsOfEpsgCodesAreServed) {
   const web::PageServer server = serveDive(findDive(root_ / "mission"), root_ / "page", 0);
   httplib::Client client("127.0.0.1", server.port());
   EXPECT_EQ(client.Get("/crs/28356")->body, "+proj=utm +zone=56 +south +ellps=GRS80 +units=m +no_defs");

@@ -4,7 +4,7 @@
 
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::web {

@@ -9,6 +9,7 @@
 #include <random>
 #include <thread>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/web/access.hpp"
 #include "telemetry/web/page_server.hpp"
 #include "tests/support/test_data.hpp"
@@ -51,15 +52,15 @@ class HostileClients : public testing::Test {
     config.option = "--port";
     config.max_body_bytes = kMaxBody;
     Routes routes;
-    routes.post("/api/echo", [this](const Request& request) {
+    routes.post("/api/echo", [this](const HttpRequest& request) {
       ++echoed_;
       return answer(request.body, "text/plain");
     });
     routes.get("/large-answer",
-               [](const Request&) { return answer(std::string(4 << 20, 'x'), "text/plain"); });
+               [](const HttpRequest&) { return answer(std::string(4 << 20, 'x'), "text/plain"); });
     routes.get(
         "/slow",
-        [this](const Request&) {
+        [this](const HttpRequest&) {
           std::unique_lock lock(mutex_);
           released_.wait(lock, [this] { return is_released_; });
           return answer("slow", "text/plain");
@@ -79,9 +80,9 @@ class HostileClients : public testing::Test {
     const auto begin = Clock::now();
     const std::string page = answerTo(server_->port(), kPageRequest);
     EXPECT_NE(page.find("<html>page</html>"), std::string::npos) << page;
-    return test::secondsSince(begin);
+    return rt::secondsSince(begin);
   }
-  // The page's slowest answer while something goes on, and how much resident memory grew at most.
+  // The page's slowest answer while `what` runs, and how much resident memory grew at most.
   struct Beside {
     double slowest_s = 0;
     std::size_t grown = 0;
@@ -240,9 +241,9 @@ TEST_F(HostileClients, ARequestThatDripsIsEndedAtItsDeadline) {
   serve();
   RawClient client(server_->port());
   const auto begin = Clock::now();
-  while (!client.closesWithin(500) && test::secondsSince(begin) < 20) client.send("G");
-  std::printf("ended after %.1f s\n", test::secondsSince(begin));
-  EXPECT_LT(test::secondsSince(begin), 13);
+  while (!client.closesWithin(500) && rt::secondsSince(begin) < 20) client.send("G");
+  std::printf("ended after %.1f s\n", rt::secondsSince(begin));
+  EXPECT_LT(rt::secondsSince(begin), 13);
 }
 
 TEST_F(HostileClients, SlowReadersOfALargeFileAndOfLargeAnswersCostLittle) {
@@ -274,7 +275,7 @@ TEST_F(HostileClients, SlowReadersOfALargeFileAndOfLargeAnswersCostLittle) {
   EXPECT_LT(grown, 100U << 20);  // kMaxHeldBytes, and what the heap adds
 }
 
-TEST_F(HostileClients, AnEventStreamThatIsNotReadIsDroppedAndTheOthersGoOn) {
+TEST_F(HostileClients, AnEventStreamThatIsNotReadIsDroppedAndTheOthersContinue) {
   serve();
   const std::string event(60'000, 'e');
   bool dropped = false;
@@ -285,7 +286,7 @@ TEST_F(HostileClients, AnEventStreamThatIsNotReadIsDroppedAndTheOthersGoOn) {
       streams.back().send("GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
     }
     const auto begin = Clock::now();
-    while (!dropped && test::secondsSince(begin) < 20) {
+    while (!dropped && rt::secondsSince(begin) < 20) {
       for (int i = 0; i < 100; ++i) server_->publish(event + std::to_string(i));
       dropped = streams.front().closesWithin(100);
     }
@@ -293,13 +294,13 @@ TEST_F(HostileClients, AnEventStreamThatIsNotReadIsDroppedAndTheOthersGoOn) {
   EXPECT_TRUE(dropped);
   RawClient reader(server_->port());
   reader.send("GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
-  std::string heard;
-  while (heard.find(event) == std::string::npos) {
+  std::string received;
+  while (received.find(event) == std::string::npos) {
     const std::string part = reader.receiveSome();
     if (part.empty()) break;
-    heard += part;
+    received += part;
   }
-  EXPECT_NE(heard.find("data: " + event), std::string::npos);
+  EXPECT_NE(received.find("data: " + event), std::string::npos);
 }
 
 TEST_F(HostileClients, LongWorkDelaysNoOtherAnswerAndIsBounded) {
@@ -323,9 +324,9 @@ TEST_F(HostileClients, LongWorkDelaysNoOtherAnswerAndIsBounded) {
   EXPECT_GE(refused, 10);
 }
 
-// In a process of its own, which must go on, without spinning, while the system gives it no descriptor, and
-// serve again.
-TEST_F(HostileClients, WithoutDescriptorsTheServerWaitsAndGoesOn) {
+// In a process of its own, which must keep running, without spinning, while the system gives it no
+// descriptor, and serve again.
+TEST_F(HostileClients, WithoutDescriptorsTheServerWaitsAndContinues) {
   int ports[2], orders[2];
   ASSERT_EQ(::pipe(ports), 0);
   ASSERT_EQ(::pipe(orders), 0);
@@ -366,9 +367,9 @@ TEST_F(HostileClients, WithoutDescriptorsTheServerWaitsAndGoesOn) {
   }
   const auto begin = Clock::now();
   const std::string page = answerTo(port, kPageRequest);
-  std::printf("with descriptors again: page within %.3f s\n", test::secondsSince(begin));
+  std::printf("with descriptors again: page within %.3f s\n", rt::secondsSince(begin));
   EXPECT_NE(page.find("<html>page</html>"), std::string::npos) << page;
-  EXPECT_LT(test::secondsSince(begin), kMostAnswer_s);
+  EXPECT_LT(rt::secondsSince(begin), kMostAnswer_s);
   ASSERT_EQ(::write(orders[1], "e", 1), 1);
   int status = 0;
   ::waitpid(child, &status, 0);

@@ -8,7 +8,7 @@
 #include <atomic>
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "telemetry/web/access.hpp"
 #include "telemetry/web/served_folder.hpp"
 #include "tests/support/test_data.hpp"
@@ -37,7 +37,7 @@ class Pages : public testing::Test {
     config.page = pageFolder(root_ / "page", "test");
     config.option = "--port";
     Routes routes;
-    routes.post("/api/echo", [this](const Request& request) {
+    routes.post("/api/echo", [this](const HttpRequest& request) {
       ++echoed_;
       return answer(request.body, "text/plain");
     });

@@ -20,8 +20,8 @@ constexpr unsigned char kPixel[] = {0x89, 'P',  'N',  'G',  '\r', '\n', 0x1a, '\
                                     0x0f, 0x00, 0x03, 0x86, 0x01, 0x80, 0x5a, 0x34, 0x7d, 0x6b, 0,    0,
                                     0,    0,    'I',  'E',  'N',  'D',  0xae, 0x42, 0x60, 0x82};
 
-Report made() {
-  Report report("A dive </script> & more", "of a test");
+ReportPage samplePage() {
+  ReportPage report("A dive </script> & more", "of a test");
   report.section("Words");
   report.text("plain");
   report.warning("loud");
@@ -31,15 +31,15 @@ Report made() {
   report.section("Nothing");
   report.section("Figures");
   report.picture(std::string_view(reinterpret_cast<const char*>(kPixel), sizeof(kPixel)), "A picture");
-  Series way{.label = "way", .colour = "#ff0000", .at = {{0, 0}, {5, 1}}, .size = 3};
-  way.lift();
-  way.at.insert(way.at.end(), {{2, 4}, {3, 4}});
+  Series path{.label = "track", .colour = "#ff0000", .at = {{0, 0}, {5, 1}}, .size = 3};
+  path.lift();
+  path.at.insert(path.at.end(), {{2, 4}, {3, 4}});
   Series box{.kind = Series::Kind::kAreas, .colour = "#0000ff"};
   box.rectangle({1, 1}, {3, 2});
   report.plot({.title = "Track",
                .x = "east [m]",
                .y = "north [m]",
-               .series = {way, box, {.label = "none", .kind = Series::Kind::kDots}},
+               .series = {path, box, {.label = "none", .kind = Series::Kind::kDots}},
                .equal = true,
                .down = true});
   report.plot({.title = "Decades",
@@ -54,7 +54,7 @@ Report made() {
 TEST(ReportPage, HoldsItsContentInOneFileAndNothingInItCanEndItsPlace) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "report.html";
-  made().write(file);
+  samplePage().write(file);
   std::ifstream in(file);
   const std::string html{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   EXPECT_THAT(html, testing::HasSubstr(R"({"title":"A dive \u003c/script> & more")"));
@@ -63,10 +63,10 @@ TEST(ReportPage, HoldsItsContentInOneFileAndNothingInItCanEndItsPlace) {
   EXPECT_THAT(html, testing::HasSubstr(R"("x":[0.0,5.0,null,2.0,3.0])"));
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 1) << "no temporary file";
   // For the test in a browser.
-  if (const char* kept = std::getenv("FATHOM_TEST_REPORT")) made().write(kept);
+  if (const char* kept = std::getenv("FATHOM_TEST_REPORT")) samplePage().write(kept);
 }
 
-TEST(ReportPage, HistogramCountsEveryValueAndTheOutermostBarsHoldWhatLiesBeyond) {
+TEST(ReportPage, HistogramCountsEveryValueAndTheOutermostBarsHoldWhatIsBeyond) {
   const Plot plot = histogram({-9, 0.1, 0.9, 1.5, 7}, 0, 2, 2, "m", "of five");
   ASSERT_EQ(plot.series.size(), 1U);
   const auto& at = plot.series[0].at;  // four corners a bar, and a lift

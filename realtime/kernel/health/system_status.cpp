@@ -32,7 +32,7 @@ std::optional<std::int64_t> wholeNumber(int file) noexcept {
   return value;
 }
 
-// Folders directly below `folder` whose name begins with `prefix` and goes on with a digit, sorted.
+// Folders directly below `folder` with names of `prefix` and a digit, sorted.
 std::vector<fs::path> numbered(const fs::path& folder, std::string_view prefix) {
   std::vector<fs::path> found;
   std::error_code ignored;

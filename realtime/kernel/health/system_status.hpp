@@ -8,7 +8,7 @@
 
 namespace fathom::rt {
 
-// What the machine tells about itself; absent where it does not.
+// Readings of the machine; absent where it gives none.
 struct SystemFigures {
   std::optional<float> cpu_temperature_c;        // the hottest thermal zone
   std::optional<std::uint64_t> disk_free_bytes;  // of the folder watched, for an ordinary user

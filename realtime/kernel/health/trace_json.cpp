@@ -19,8 +19,8 @@ Json named(const char* what, const std::string& name, int track) {
   return {{"name", what}, {"ph", "M"}, {"pid", kProcess}, {"tid", track}, {"args", {{"name", name}}}};
 }
 
-// For each event, which track it is on: the first where it lies beside or inside the others. Events in the
-// order of their beginnings, the longer ones first.
+// Track of each event: the first track where it is beside or inside the other events. Events are ordered by
+// their beginnings, longer ones first.
 std::vector<int> tracksOf(const std::vector<TimelineEvent>& events) {
   std::vector<std::vector<std::int64_t>> open;  // of each track: ends of the stages around
   std::vector<int> tracks;

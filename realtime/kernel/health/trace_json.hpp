@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/health/timeline.hpp"
+#include "realtime/kernel/health/stage_times.hpp"
 
 namespace fathom::rt {
 
@@ -18,9 +18,9 @@ struct TraceThread {
   std::int64_t deadline_ns = 0;       // any one of them (PeriodicLoop::nextDeadlineNs())
 };
 
-// In Chrome's trace event format, which Perfetto (ui.perfetto.dev) opens. Times are monotonic, from < to, and
-// in the trace count from `from_ns`. Stages that overlap without one holding the other get a track each. A
-// periodic thread's deadlines are marked, those that a stage ran past as missed.
+// Chrome's trace event format, which Perfetto (ui.perfetto.dev) opens. Times are monotonic, from < to; the
+// trace counts from `from_ns`. Stages that overlap without nesting get separate tracks. The deadlines of a
+// periodic thread are marked; those that a stage overran are marked as missed.
 [[nodiscard]] std::string traceJson(const std::string& title, std::span<const TraceThread> threads,
                                     std::int64_t from_ns, std::int64_t to_ns);
 

@@ -4,18 +4,10 @@
 #include <numeric>
 #include <utility>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::rt {
-namespace {
-
-constexpr double kMib = 1024.0 * 1024.0;
-
-double mib(std::size_t bytes) {
-  return static_cast<double>(bytes) / kMib;
-}
-
-}  // namespace
 
 PoolGauge& MemoryBudget::add(std::string name, std::size_t planned_bytes) {
   Pool& pool = pools_.emplace_back();
@@ -64,14 +56,14 @@ std::string MemoryBudget::table(bool measured) const {
   text += '\n';
   for (const std::size_t index : order) {
     const Row row = read(index);
-    text += formatted("%-34s %12.2f", row.name, mib(row.planned));
+    text += formatted("%-34s %12.2f", row.name, mebibytes(row.planned));
     if (measured && row.measured)
-      text += formatted(" %12.2f %12.2f %10llu", mib(row.use.used), mib(row.use.high_water),
+      text += formatted(" %12.2f %12.2f %10llu", mebibytes(row.use.used), mebibytes(row.use.high_water),
                         static_cast<unsigned long long>(row.use.refused));
     text += '\n';
   }
-  text += formatted("%-34s %12.2f of %.2f MiB, %s\n", "total", mib(plannedBytes()), mib(budget_bytes_),
-                    fits() ? "fits" : "does not fit");
+  text += formatted("%-34s %12.2f of %.2f MiB, %s\n", "total", mebibytes(plannedBytes()),
+                    mebibytes(budget_bytes_), fits() ? "fits" : "does not fit");
   return text;
 }
 

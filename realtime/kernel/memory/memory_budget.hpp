@@ -16,7 +16,7 @@ struct PoolUse {
   std::uint64_t refused = 0;   // requests while it was full
 };
 
-// Where one thread writes a pool's figures and any thread reads them.
+// Figures of a pool: written by one thread, read by any.
 class PoolGauge {
  public:
   // By the pool's owner.
@@ -41,20 +41,20 @@ class PoolGauge {
   std::atomic<std::uint64_t> refused_{0};
 };
 
-// Every pool of the program by name, with the bytes that its configuration plans for it, against one total.
-// Filled at set-up; read() afterwards allocates nothing.
+// Every pool of the program by name, with the bytes that the configuration plans for it, against one total.
+// Filled at set-up; read() allocates nothing afterwards.
 class MemoryBudget {
  public:
   explicit MemoryBudget(std::size_t budget_bytes) : budget_bytes_(budget_bytes) {}
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  // A pool whose owner writes its gauge; the reference lives as long as the budget. Without a writer the
-  // table shows the plan alone.
+  // A pool with a gauge that its owner writes; the reference is valid as long as the budget. Until it is
+  // written the table shows the plan alone.
   PoolGauge& add(std::string name, std::size_t planned_bytes);
-  // A pool that any thread may ask, as rings and shared blocks.
+  // A pool that reports its use when asked, from any thread: rings and shared blocks.
   void add(std::string name, std::size_t planned_bytes, std::function<PoolUse()> ask);
-  // Memory that is simply taken: stacks, the program's own pages. In use as planned.
+  // Memory taken as a whole: stacks, the program's own pages. Its use equals its plan.
   void addFixed(std::string name, std::size_t planned_bytes);
 
   struct Row {

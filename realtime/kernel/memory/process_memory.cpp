@@ -1,7 +1,7 @@
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/memory/heap_reserve.hpp"
 
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -25,6 +25,34 @@ std::size_t kilobytes(std::string_view text, std::string_view key) noexcept {
   std::size_t value = 0;
   std::from_chars(text.data() + at, text.data() + text.size(), value);
   return value * 1024;
+}
+
+struct Mapping {
+  unsigned long begin = 0, end = 0, inode = 0;  // inode 0: memory without a file
+  char rights[5] = {};                          // as "r-xp"
+
+  [[nodiscard]] std::size_t bytes() const noexcept { return end - begin; }
+  [[nodiscard]] void* address() const noexcept { return reinterpret_cast<void*>(begin); }  // NOLINT
+  [[nodiscard]] bool has(const char* all_rights) const noexcept {
+    return std::strcmp(rights, all_rights) == 0;
+  }
+  [[nodiscard]] bool bulkData() const noexcept { return has("r--p") && bytes() >= kBulkDataBytes; }
+};
+
+// Calls visit(line, mapping) for every line of /proc/self/maps or smaps; `mapping` is null for the lines of
+// smaps that do not begin one.
+template <typename Visit>
+void eachLine(const char* file, const Visit& visit) noexcept {
+  std::FILE* maps = std::fopen(file, "re");
+  if (maps == nullptr) return;
+  char line[512];
+  while (std::fgets(line, sizeof line, maps) != nullptr) {
+    Mapping m;
+    const bool begins =
+        std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &m.begin, &m.end, m.rights, &m.inode) == 4;
+    visit(line, begins ? &m : nullptr);
+  }
+  std::fclose(maps);
 }
 
 }  // namespace
@@ -62,58 +90,57 @@ std::size_t exactResidentBytes() noexcept {
 }
 
 std::size_t mappedPrivateBytes() noexcept {
-  std::FILE* maps = std::fopen("/proc/self/maps", "re");
-  if (maps == nullptr) return 0;
   std::size_t total = 0;
-  char line[512];
-  while (std::fgets(line, sizeof line, maps) != nullptr) {
-    unsigned long begin = 0, end = 0, inode = 0;
-    char rights[5] = {};
-    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4 && inode == 0 &&
-        std::strcmp(rights, "rw-p") == 0)
-      total += end - begin;
-  }
-  std::fclose(maps);
+  eachLine("/proc/self/maps", [&](const char*, const Mapping* m) noexcept {
+    if (m != nullptr && m->inode == 0 && m->has("rw-p")) total += m->bytes();
+  });
   return total;
 }
 
 std::size_t mappedFileBytes() noexcept {
-  std::FILE* maps = std::fopen("/proc/self/maps", "re");
-  if (maps == nullptr) return 0;
   std::size_t total = 0;
-  char line[512];
-  while (std::fgets(line, sizeof line, maps) != nullptr) {
-    unsigned long begin = 0, end = 0, inode = 0;
-    char rights[5] = {};
-    // A page without any right is never resident; memory without a name that processes share is a pool's.
-    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4 && inode != 0 &&
-        rights[0] == 'r' && rights[3] == 'p' &&
-        !(std::strcmp(rights, "r--p") == 0 && end - begin >= kBulkDataBytes))
-      total += end - begin;
-  }
-  std::fclose(maps);
+  // A page without any right is never resident; memory without a name that processes share is a pool's.
+  eachLine("/proc/self/maps", [&](const char*, const Mapping* m) noexcept {
+    if (m != nullptr && m->inode != 0 && m->rights[0] == 'r' && m->rights[3] == 'p' && !m->bulkData())
+      total += m->bytes();
+  });
   return total;
 }
 
 std::size_t privateFileBytes() noexcept {
-  std::FILE* maps = std::fopen("/proc/self/smaps", "re");
-  if (maps == nullptr) return 0;
   std::size_t total = 0;
   bool of_file = false;
-  char line[512];
-  while (std::fgets(line, sizeof line, maps) != nullptr) {
-    unsigned long begin = 0, end = 0, inode = 0, anonymous = 0;
-    char rights[5] = {};
-    if (std::sscanf(line, "%lx-%lx %4s %*x %*s %lu", &begin, &end, rights, &inode) == 4) {
-      const bool writable = std::strcmp(rights, "rw-p") == 0;
-      of_file = inode != 0 && rights[3] == 'p' && !writable;
-      if (inode != 0 && writable) total += end - begin;
+  eachLine("/proc/self/smaps", [&](const char* line, const Mapping* m) noexcept {
+    unsigned long anonymous = 0;
+    if (m != nullptr) {
+      of_file = m->inode != 0 && m->rights[3] == 'p' && !m->has("rw-p");
+      if (m->inode != 0 && m->has("rw-p")) total += m->bytes();
     } else if (of_file && std::sscanf(line, "Anonymous: %lu kB", &anonymous) == 1) {
       total += anonymous * 1024;
     }
-  }
-  std::fclose(maps);
+  });
   return total;
+}
+
+void leaveBulkData() noexcept {
+  eachLine("/proc/self/maps", [](const char*, const Mapping* m) noexcept {
+    if (m == nullptr || m->inode == 0 || !m->bulkData()) return;
+    (void)::munlock(m->address(), m->bytes());
+    (void)::madvise(m->address(), m->bytes(), MADV_DONTNEED);
+  });
+}
+
+std::size_t populateMappings() noexcept {
+  std::size_t refused = 0;
+  eachLine("/proc/self/maps", [&](const char* line, const Mapping* m) noexcept {
+    if (m == nullptr || m->rights[0] != 'r' || m->bulkData()) return;
+    // The kernel's own pages, the growing stack of main and what is shared with others stay as they are.
+    if (std::strstr(line, "[v") != nullptr || std::strstr(line, "[stack]") != nullptr || m->rights[3] == 's')
+      return;
+    const int advice = m->rights[1] == 'w' ? MADV_POPULATE_WRITE : MADV_POPULATE_READ;
+    if (::madvise(m->address(), m->bytes(), advice) != 0) refused += m->bytes();
+  });
+  return refused;
 }
 
 }  // namespace fathom::rt

@@ -24,25 +24,36 @@ class ProcessMemory {
   ProcessMemory(const ProcessMemory&) = delete;
   ProcessMemory& operator=(const ProcessMemory&) = delete;
 
-  // False, and `figures` untouched, where /proc does not tell.
+  // False, and `figures` untouched, where /proc gives nothing.
   [[nodiscard]] bool read(ProcessFigures& figures) noexcept;
 
  private:
   int status_ = -1;
 };
 
-// Resident bytes counted page by page (/proc/self/smaps_rollup): exact where the counters that the kernel
-// keeps a CPU each lag behind by some tens of pages, and slow. 0 where the system does not tell.
+// Resident bytes counted page by page (/proc/self/smaps_rollup): exact but slow; the kernel's counters, one
+// per CPU, lag by some tens of pages. 0 where the system gives none.
 [[nodiscard]] std::size_t exactResidentBytes() noexcept;
 
-// What the program and its libraries take once every page of them is resident, as locked memory makes them
-// [bytes]. For the budget; 0 where the system does not tell.
+// Size of the program and its libraries once all their pages are resident, as locking makes them [bytes]. 0
+// where the system gives none.
 [[nodiscard]] std::size_t mappedFileBytes() noexcept;
-// Of memory that is the program's own, heap and stacks: what it takes once all of it is locked, touched or
-// not.
+// Private memory, heap and stacks, once all of it is locked, touched or not [bytes].
 [[nodiscard]] std::size_t mappedPrivateBytes() noexcept;
-// Of the files' pages, those that this process has for itself: data that it may write, and what was
-// relocated. Other processes of the same program share the rest.
+// Part of the files' pages that is private to this process: writable data and relocations [bytes]. Processes
+// of the same program share the rest.
 [[nodiscard]] std::size_t privateFileBytes() noexcept;
+
+// Read-only library data of at least this size is a table (character sets, projections) that the program
+// hardly reads: it is neither locked, nor counted, nor made resident.
+inline constexpr std::size_t kBulkDataBytes = std::size_t{16} << 20;
+
+// Unlocks such data and releases its pages, which are read from the disk when needed. Call after mlockall().
+void leaveBulkData() noexcept;
+
+// Makes every mapped page of this process resident, as mlockall(MCL_CURRENT) does, where locking is refused:
+// program text and library data, too, which would otherwise fault at first use. Returns the bytes that could
+// not be.
+std::size_t populateMappings() noexcept;
 
 }  // namespace fathom::rt

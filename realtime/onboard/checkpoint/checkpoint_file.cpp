@@ -11,10 +11,10 @@
 #include <system_error>
 #include <utility>
 
-#include "realtime/kernel/crc32.hpp"
-#include "realtime/kernel/descriptor.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/files/descriptor.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::onboard {
 namespace {

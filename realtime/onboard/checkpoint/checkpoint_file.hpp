@@ -11,7 +11,7 @@
 
 namespace fathom::onboard {
 
-// What a checkpoint is of, and from when.
+// Identity and time of a checkpoint.
 struct CheckpointHead {
   std::uint64_t configuration = 0;  // hash of all that shapes the state: program, configuration, calibration
   std::uint64_t mission = 0;        // hash of vehicle, dive and plan
@@ -22,32 +22,31 @@ struct CheckpointHead {
   friend bool operator==(const CheckpointHead&, const CheckpointHead&) = default;
 };
 
-// FNV-1a of some text or bytes, for the two hashes; of several in a row, with that of those before.
+// FNV-1a hash of bytes; `before`: the hash of the bytes that precede these, to continue it.
 [[nodiscard]] std::uint64_t checkpointHash(std::string_view bytes,
                                            std::uint64_t before = 0xcbf29ce484222325ULL) noexcept;
 
-// The two checkpoint files of a mission, `checkpoint-0.bin` and `checkpoint-1.bin` in a folder of their own:
-// while one is written the other is whole. A file is
+// The two checkpoint files of a mission, `checkpoint-0.bin` and `checkpoint-1.bin` in a folder: while one is
+// written the other is whole. A file is
 //   u64 magic "FTHMCKPT", u32 format, u32 head's CRC-32, the head's five numbers (u64, i64), u64 bytes of
 //   state, u32 their CRC-32, u32 0; the state (sections of state_archive.hpp, with checksums of their own).
-// Little endian. The head's CRC is over what follows it up to the state.
+// Little endian. The head's CRC covers what follows it up to the state.
 //
-// A restart tries usable() one after the other: read() and load; when none can be used the log is all there
-// is. Nothing is removed by that, and what comes next is numbered beyond newestNumber() and the log's marks.
+// A restart tries the usable() ones in order: read() and load; if none can be used the log remains. That
+// removes nothing; later checkpoints are numbered beyond newestNumber() and the log's marks.
 class CheckpointFiles {
  public:
   // Makes the folder. Throws InputError when it cannot.
   explicit CheckpointFiles(std::filesystem::path folder);
 
-  // Writes the state to a temporary file, brings it to the disk and gives it the name of one of the two:
-  // never of the one that this object read or wrote last; at first of one that is not usable(), or the older.
-  // False, and what was there stays, when the disk refuses: see error().
+  // Writes the state to a temporary file, flushes it to the disk and renames it to one of the two names:
+  // never the one that this object read or wrote last; at first one that is not usable(), or the older.
+  // False, with the old file kept, when the disk refuses: see error().
   [[nodiscard]] bool write(const CheckpointHead& head, std::span<const std::uint8_t> state) noexcept;
   [[nodiscard]] const std::string& error() const { return error_; }
 
-  // Those of this configuration and mission whose heads are whole and whose files are as long as they say,
-  // the newest first. `said` receives a line for each file that is passed over, with the reason; here and
-  // below.
+  // Checkpoints of this configuration and mission with intact heads and files of the stated length, the
+  // newest first. `said` receives a line for each file that is passed over, with the reason; here and below.
   [[nodiscard]] std::vector<CheckpointHead> usable(std::uint64_t configuration, std::uint64_t mission,
                                                    std::vector<std::string>& said) const;
   struct Found {
@@ -56,23 +55,23 @@ class CheckpointFiles {
   };
   // The checkpoint of that number if all of it is whole.
   [[nodiscard]] std::optional<Found> read(std::uint64_t number, std::vector<std::string>& said);
-  // The same into memory of the caller's, and its state there; none is taken beside it. What does not fit is
-  // passed over.
+  // The same into the caller's memory; returns the state in it and allocates nothing for it. Passed over if
+  // it does not fit.
   [[nodiscard]] std::optional<std::span<const std::uint8_t>> read(std::uint64_t number,
                                                                   std::span<std::uint8_t> room,
                                                                   std::vector<std::string>& said);
-  // The first bytes of its state, at most so many. The sections in them carry their own checksums; nothing
-  // else of the state is looked at.
+  // The first bytes of its state, at most `bytes`. The sections in them carry their own checksums; the rest
+  // of the state is not verified.
   [[nodiscard]] std::optional<Found> readStart(std::uint64_t number, std::size_t bytes,
                                                std::vector<std::string>& said) const;
   // The first of usable() that read() finds whole.
   [[nodiscard]] std::optional<Found> readNewest(std::uint64_t configuration, std::uint64_t mission,
                                                 std::vector<std::string>& said);
-  // The largest number of the files whose heads are whole, of whatever mission; 0: there are none.
+  // Largest number among files with intact heads, of any mission; 0: none.
   [[nodiscard]] std::uint64_t newestNumber() const;
 
   void remove(std::uint64_t number) noexcept;
-  // Forgets both: a new mission begins.
+  // Removes both: a new mission begins.
   void remove() noexcept;
 
   // The file that has the checkpoint of that number; an empty path if none has.
@@ -91,7 +90,7 @@ class CheckpointFiles {
   std::string error_;
 };
 
-// Reads a checkpoint from bytes that may be anything; an empty string, or why it is none.
+// Decodes a checkpoint from untrusted bytes; an empty string, or why it is invalid.
 [[nodiscard]] std::string decodeCheckpoint(std::span<const std::uint8_t> bytes, CheckpointHead& head,
                                            std::span<const std::uint8_t>& state);
 

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "recon/geometry/colour.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -10,12 +10,12 @@
 
 namespace fathom::onboard {
 
-// Takes saved state from one thread, which never waits, to the disk by another. One buffer: while it is being
-// written there is no room for the next, and the checkpoint that was due is left out and counted.
+// Transfers saved state from one thread, which never waits, to the disk by another. One buffer: while it is
+// being written, the next checkpoint that is due is left out and counted.
 //
 //   soft tier:    if (auto buffer = writer.begin(); !buffer.empty()) { StateWriter w(buffer); ... save ...
 //                   w.full() ? writer.giveUp() : writer.submit(head, w.size()); }
-//   best effort:  writer.work() again and again, some times a second
+//   best effort:  writer.work() repeatedly, some times a second
 class CheckpointWriter {
  public:
   // `capacity`: of the state [B]; taken and touched at once. `named`: files that a checkpoint relies on; they
@@ -24,7 +24,7 @@ class CheckpointWriter {
 
   // Soft tier. Empty while the last one is still being written.
   [[nodiscard]] std::span<std::uint8_t> begin() noexcept;
-  // `decisions`: how many had been made by then; for whoever waits until the log has them.
+  // `decisions`: number made by then, for waiting until the log has them.
   void submit(const CheckpointHead& head, std::size_t bytes, std::uint64_t decisions = 0) noexcept;
   void giveUp() noexcept { too_large_.fetch_add(1, std::memory_order_relaxed); }  // it does not fit
 
@@ -42,7 +42,7 @@ class CheckpointWriter {
     std::int64_t utc_ns = 0;  // of the last one that is on the disk
   };
   [[nodiscard]] Counters counters() const noexcept;
-  // The last but one that this object wrote: a restart needs none before it. 0: not known.
+  // Number of the last but one written: a restart needs none before it. 0: unknown.
   [[nodiscard]] std::uint64_t oldest() const noexcept { return oldest_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::size_t capacity() const { return buffer_.size(); }
 

@@ -4,13 +4,15 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/units.hpp"
+
 namespace fathom::onboard {
 namespace {
 
-// A map that was built anew changes in many squares at once; offerTiles() is called many times a second.
+// A rebuilt map changes in many squares at once; offerTiles() is called many times a second.
 constexpr int kOffersAtOnce = 16;
-constexpr double kNanoseconds = 1e9;  // in a second
-constexpr double kCoarseLooks = 4;    // at a coarse square before it may be wanted
+constexpr double kCoarseLooks = 4;  // at a coarse square before it may be wanted
 
 // Seen area of a tile: a node stands for the square around it; the last row and column belong to neighbours.
 double seenArea(const HeightTile& tile) {
@@ -46,8 +48,8 @@ LinkCore::LinkCore(const LinkCoreConfig& config)
   fine_.level = config.levelOf(config.scheduler.blocks.spacing);
   fine_.look_s = config.look_s;
   coarse_.level = config.levelOf(config.scheduler.blocks.coarse_spacing);
-  scheduler_.onGaveWay(
-      [this](const telemetry::BlockQueue::Whole& square, bool spare) { noteGaveWay(square, spare); });
+  scheduler_.onEvicted(
+      [this](const telemetry::BlockQueue::Whole& square, bool spare) { noteEvicted(square, spare); });
   coarse_.look_s = std::max(config.look_s, config.scheduler.blocks.coarse_after_s / kCoarseLooks);
 }
 
@@ -122,9 +124,10 @@ void LinkCore::offerChanged(Level& level, const fusion::QuadtreeMap& map, std::i
   int offered = 0;
   for (auto it = level.changed.begin(); it != level.changed.end();) {
     const auto known = level.known.find(*it);
-    const bool due = everything || known == level.known.end() ||
-                     static_cast<double>(now_ns - known->second.looked_ns) >= level.look_s * kNanoseconds ||
-                     level.changed.size() > config_.max_changed;
+    const bool due =
+        everything || known == level.known.end() ||
+        static_cast<double>(now_ns - known->second.looked_ns) >= level.look_s * kNanosecondsPerSecond ||
+        level.changed.size() > config_.max_changed;
     if (!due || (!everything && offered == kOffersAtOnce)) {
       ++it;
       continue;
@@ -158,7 +161,7 @@ void LinkCore::offerAgain(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
   }
 }
 
-void LinkCore::noteGaveWay(const telemetry::BlockQueue::Whole& square, bool spare) {
+void LinkCore::noteEvicted(const telemetry::BlockQueue::Whole& square, bool spare) {
   for (Level* level : {&fine_, &coarse_}) {
     const double spacing = config_.root_size / (std::exp2(level->level) * HeightTile::kCells);
     if (telemetry::spacingCode(spacing) != square.spacing) continue;
@@ -174,12 +177,12 @@ void LinkCore::noteGaveWay(const telemetry::BlockQueue::Whole& square, bool spar
   }
 }
 
-// The map goes on to change where the ship was given detail: what it shows must not stay behind.
+// The map continues to change where the ship received detail: its copy must follow.
 void LinkCore::offerDetailed(const fusion::QuadtreeMap& map, std::int64_t now_ns) {
   int offered = 0;
   for (Detailed& d : detailed_) {
     if (!d.changed || offered == kOffersAtOnce || !scheduler_.hasRoom() ||
-        static_cast<double>(now_ns - d.looked_ns) < config_.look_s * kNanoseconds)
+        static_cast<double>(now_ns - d.looked_ns) < config_.look_s * kNanosecondsPerSecond)
       continue;
     HeightTile tile;
     const fusion::TileKey place{d.key.north, d.key.east, static_cast<std::int16_t>(d.level)};
@@ -231,6 +234,29 @@ bool LinkCore::drained() const {
   const bool followed =
       std::none_of(detailed_.begin(), detailed_.end(), [](const Detailed& d) { return d.changed; });
   return followed && idle(fine_) && idle(coarse_) && scheduler_.drained();
+}
+
+namespace {
+
+constexpr std::uint32_t kTag = rt::stateTag("LNKC"), kVersion = 3;
+
+}  // namespace
+
+template <typename Archive, typename Self>
+void LinkCore::exchange(Archive& archive, Self& self) {
+  archive(self.fine_, self.coarse_, self.detailed_, self.area_total_, self.detail_squares_,
+          self.detail_left_out_);
+  archive.require(self.detailed_.size() <= self.config_.max_detailed, "more detail than is followed");
+  archive.require(self.detail_squares_ >= 0, "fewer squares served than none");
+}
+
+void LinkCore::save(rt::StateWriter& writer) const {
+  writer.section(kTag, kVersion, [&] { exchange(writer, *this); });
+  writer(scheduler_);
+}
+
+bool LinkCore::load(rt::StateReader& reader) {
+  return reader.section(kTag, kVersion, [&] { exchange(reader, *this); }) && reader(scheduler_);
 }
 
 }  // namespace fathom::onboard

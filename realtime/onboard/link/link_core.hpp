@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 
@@ -18,9 +18,9 @@ struct LinkCoreConfig {
   telemetry::LinkSchedulerConfig scheduler;
   double root_size = 32;           // of the map's quadtree [m]
   int max_level = 5;               // of the map's quadtree: detail goes no further
-  double look_s = 1.0;             // a square in view is looked at again after so long [s]
+  double look_s = 1.0;             // before a square in view is offered again [s]
   std::size_t max_changed = 1024;  // changed squares remembered; when full the oldest is offered at once
-  int max_detail_squares = 64;     // of one request; what is beyond is left out and counted
+  int max_detail_squares = 64;     // of one request; further ones are left out and counted
   std::size_t max_detailed = 512;  // squares of all requests that are followed when the map changes there
 
   void validate() const;  // throws std::invalid_argument naming the value
@@ -28,10 +28,9 @@ struct LinkCoreConfig {
   [[nodiscard]] int levelOf(double spacing) const;
 };
 
-// Best-effort core without threads, files or clocks: looks at what the map gains and hands it, as tiles of
-// the link's two levels, to the scheduler, which decides when a block is worth sending, and again what gave
-// way in the scheduler's pool or was emptied; serves requests for
-// detail; gives the frames to send.
+// Best-effort core without threads, files or clocks: hands the changes of the map, as tiles of the link's two
+// levels, to the scheduler, which decides when a block is worth sending; offers again what was evicted from
+// the scheduler's pool or was emptied; serves requests for detail; gives the frames to send.
 class LinkCore {
  public:
   explicit LinkCore(const LinkCoreConfig& config);
@@ -46,18 +45,18 @@ class LinkCore {
   void noteMapped(const MapOutput& output);
   // Notes the squares of a part of the map that changed [m in nav].
   void noteChanged(const Eigen::Vector2d& min_north_east, const Eigen::Vector2d& max_north_east);
-  // Offers what changed (with `everything`: also what was looked at just now) and requested detail to the
+  // Offers changed squares (with `everything`, also those offered just now) and requested detail to the
   // scheduler.
   void offerTiles(const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything = false);
 
-  // What the ship said; see LinkScheduler. `on_sent` is called for every square at the usual spacing that the
-  // ship now holds whole.
+  // Messages of the ship; see LinkScheduler. `on_sent` is called for every square at the usual spacing that
+  // the ship now holds whole.
   void acknowledge(const telemetry::Acknowledgement& a, std::int64_t now_ns,
                    const std::function<void(const fusion::TileKey&)>& on_sent = {});
   void request(const telemetry::Request& r, std::int64_t now_ns, telemetry::DownlinkCounter counter) {
     scheduler_.request(r, now_ns, counter);
   }
-  void heard(std::int64_t now_ns) { scheduler_.heard(now_ns); }
+  void noteReceived(std::int64_t now_ns) { scheduler_.received(now_ns); }
   [[nodiscard]] std::optional<telemetry::Version> sentLately(const telemetry::Acknowledgement& a,
                                                              std::int64_t now_ns, double within_s) const {
     return scheduler_.sentLately(a, now_ns, within_s);
@@ -78,8 +77,8 @@ class LinkCore {
   [[nodiscard]] std::uint64_t detailLeftOut() const { return detail_left_out_; }  // squares
   [[nodiscard]] std::size_t memoryBytes() const { return scheduler_.memoryBytes(); }
 
-  // Into one of the same configuration: it goes on with the same frames bit by bit. Mission info is not part
-  // of it. One whose load() failed is of no use.
+  // Into one of the same configuration, which then gives the same frames bit by bit. Mission info is not part
+  // of the state. A core is unusable after its load() failed.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 
@@ -98,8 +97,7 @@ class LinkCore {
       std::int64_t looked_ns = 0;  // offered last
       double area = 0;             // seen then [m2]
 
-      template <typename Archive, typename Self>
-      static void exchange(Archive& archive, Self& self) {
+      static void exchange(auto& archive, auto& self) {
         archive.instants(self.looked_ns);
         archive(self.area);
       }
@@ -108,11 +106,10 @@ class LinkCore {
     double look_s = 0;  // between two looks at a square
     std::set<Key> changed;
     std::map<Key, Square> known;
-    std::vector<Key> again;  // gave way in the link's pool with something unsent
-    std::vector<Key> spare;  // gave way there without word
+    std::vector<Key> again;  // evicted from the link's pool with unsent content
+    std::vector<Key> spare;  // evicted there with all content sent
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.changed, self.known, self.again, self.spare);
     }
   };
@@ -124,8 +121,7 @@ class LinkCore {
     bool changed = false;  // since it was offered
     std::int64_t looked_ns = 0;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.level, self.key, self.max_error, self.changed);
       archive.instants(self.looked_ns);
     }
@@ -136,7 +132,7 @@ class LinkCore {
   void offer(Level& level, const fusion::QuadtreeMap& map, const Key& key, std::int64_t now_ns);
   void offerChanged(Level& level, const fusion::QuadtreeMap& map, std::int64_t now_ns, bool everything);
   void offerAgain(const fusion::QuadtreeMap& map, std::int64_t now_ns);
-  void noteGaveWay(const telemetry::BlockQueue::Whole& square, bool spare);
+  void noteEvicted(const telemetry::BlockQueue::Whole& square, bool spare);
   void serveDetail(const fusion::QuadtreeMap& map, std::int64_t now_ns);
   [[nodiscard]] std::int32_t indexOf(double metres, int level) const;
 

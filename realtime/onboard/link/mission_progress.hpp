@@ -8,12 +8,12 @@
 
 namespace fathom::onboard {
 
-// How much of the planned path lies behind the vehicle. A waypoint counts as passed when the vehicle comes
-// within the acceptance radius, or when it is nearer to the leg after it than to the leg before; the rest of
-// the way is the projection on the current leg. Never runs backwards.
+// Fraction of the planned path that the vehicle has covered. A waypoint is passed when the vehicle comes
+// within the acceptance radius, or is nearer to the leg after it than to the leg before; beyond it the
+// projection on the current leg counts. Never decreases.
 class MissionProgress {
  public:
-  // `plan`: waypoints (north, east) [m] in order; fewer than two: no progress can be told.
+  // `plan`: waypoints (north, east) [m] in order; with fewer than two there is no progress.
   explicit MissionProgress(std::vector<Eigen::Vector2d> plan, double acceptance_radius = 3.0);
 
   void update(const Eigen::Vector2d& north_east);

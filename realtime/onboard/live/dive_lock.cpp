@@ -8,8 +8,8 @@
 #include <string>
 #include <system_error>
 
-#include "realtime/kernel/file_lock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/files/descriptor.hpp"
+#include "realtime/base/input_error.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_names.hpp"
 
 namespace fathom::onboard {
@@ -32,7 +32,7 @@ DiveLock::DiveLock(const std::filesystem::path& mission) {
   file_ = ::open(lockOf(mission).c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   const bool numbered = file_ >= 0;
   if (!numbered) file_ = ::open(mission.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (file_ < 0) return;  // whoever reads mission.toml says what is wrong
+  if (file_ < 0) return;  // the reader of mission.toml reports the error
   if (lockedElsewhere(file_)) {
     const pid_t other = numbered ? numberIn(file_) : 0;
     ::close(file_);

@@ -7,8 +7,8 @@
 
 namespace fathom::onboard {
 
-// One program for one mission folder (flock on state/lock, which holds its process' number). Where the disk
-// takes no file, the lock is on the folder itself, without the number.
+// Lock of a mission folder, so that one program dives in it (flock on state/lock, which holds its process
+// number). Where the disk takes no file, the lock is on the folder itself, without the number.
 class DiveLock {
  public:
   // Throws InputError, with the other's number, when another program dives in this folder.

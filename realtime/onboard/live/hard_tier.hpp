@@ -5,17 +5,16 @@
 #include <optional>
 
 #include "firmware_if/recorder/recorder.hpp"
-#include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
-#include "realtime/kernel/latest_value.hpp"
-#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "realtime/kernel/rings/latest_value.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "realtime/onboard/live/devices/input_sequencer.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
 
 namespace fathom::onboard {
 
-// Navigation as of one cycle of the hard tier, for whoever publishes it.
+// Navigation state of one cycle of the hard tier, for publication.
 struct NavState {
   std::int64_t utc_ns = 0;       // of the cycle
   std::int64_t pose_utc_ns = 0;  // of the newest odometry; 0: none yet
@@ -29,8 +28,8 @@ struct NavState {
   NavState& operator=(const NavState&) noexcept = default;
 };
 
-// The hard tier's work: puts the inputs in order, dead reckons, hands the sequence to the recorder and, by
-// position, to whoever maps. One call of cycle() every period; no heap, no lock, bounded work.
+// The hard tier's work: orders the inputs, dead reckons, and passes the sequence to the recorder and, by
+// position, to the mapper. cycle() is called once per period; no heap, no lock, bounded work.
 class HardTier {
  public:
   struct Links {
@@ -45,20 +44,20 @@ class HardTier {
 
   [[nodiscard]] InputSequencer& sequencer() noexcept { return sequencer_; }
   [[nodiscard]] NavFeed& nav() noexcept { return nav_; }  // before it runs: a state is loaded
-  // What an input does to navigation; before it runs, for one that was consumed before the program started
-  // again.
+  // Applies an input to navigation alone; before it runs, for inputs that were consumed before the program
+  // started again.
   void follow(const io::OnboardInput& input) noexcept;
 
   void cycle() noexcept;
-  // Puts a mark into the sequence with the next cycle: checkpoints, health, the end. From one other thread;
+  // Inserts a mark into the sequence in the next cycle: checkpoints, health, the end. From one other thread;
   // false when too many wait.
   [[nodiscard]] bool mark(const io::Mark& mark) noexcept { return marks_.push(mark); }
 
   // By one reader each.
   [[nodiscard]] bool readForBus(NavState& state) noexcept { return for_bus_.readNew(state); }
   [[nodiscard]] bool readForSupervisor(NavState& state) noexcept { return for_supervisor_.read(state); }
-  // The end mark has been given to the recorder and to the mapper. Nothing follows it but marks about a
-  // mapper that had to be started again to finish.
+  // The end mark was passed to the recorder and the mapper. Only marks about a mapper that was restarted to
+  // finish follow it.
   [[nodiscard]] bool ended() const noexcept { return ended_.load(std::memory_order_acquire); }
 
  private:

@@ -1,7 +1,7 @@
 #include "realtime/onboard/live/live_config.hpp"
 
 #include "firmware_if/devices/device_address.hpp"
-#include "firmware_if/predive/predive_config.hpp"
+#include "firmware_if/predive/predive_checks.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -3,21 +3,21 @@
 #include <cstddef>
 #include <string>
 
-#include "firmware_if/camera/camera_config.hpp"
-#include "firmware_if/can/bus/can_config.hpp"
-#include "firmware_if/dvl/dvl_source.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "firmware_if/devices/camera/camera_config.hpp"
+#include "firmware_if/devices/can/bus/can_source.hpp"
+#include "firmware_if/devices/dvl/dvl_source.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
-#include "realtime/kernel/config_table.hpp"
+#include "realtime/base/config_table.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
-#include "realtime/kernel/tiers/overload_rule.hpp"
-#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/kernel/threads/overload_rule.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
 
 namespace fathom::onboard {
 
-// What only a live run needs of onboard.toml: the devices, the recorder, real time and memory. A replay reads
-// it too, so that the same file serves both, and leaves it alone.
+// Settings of onboard.toml for a live run only: the devices, the recorder, real time and memory. A replay
+// reads them too, so that the same file serves both, and ignores them.
 struct LiveConfig {
   io::StereoCameraConfig cameras;
   io::DvlConfig dvl;

@@ -1,15 +1,14 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "realtime/kernel/seconds.hpp"
-#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 
 // How a live run ends: every wait has a deadline.
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kRestNs = 2'000'000;              // of whoever waits for another part
 constexpr std::int64_t kDevicesEndNs = 150'000'000;      // devices' threads leave within this
 constexpr std::int64_t kLongestJoinNs = 10'000'000'000;  // of a program that is given up
 
@@ -18,7 +17,7 @@ constexpr std::int64_t kLongestJoinNs = 10'000'000'000;  // of a program that is
 bool LiveSystem::waitFor(const std::function<bool()>& done, std::int64_t until_ns) {
   while (!done()) {
     if (clock_.monotonicNs() >= until_ns) return false;
-    rt::restFor(kRestNs);
+    rt::restFor(rt::kPollRest_ns);
   }
   return true;
 }
@@ -85,13 +84,13 @@ LiveSystem::End LiveSystem::leave(double most_s) {
   ends_ = true;
   measured_.cpu = cpuTimes();
   threads_.unwatch();
-  supervisor_->letMapperBe();
+  supervisor_->stopRestarts();
   // So that the next start has little to catch up with; if it comes to nothing, there is an older one.
   constexpr double kForTheState = 0.3;
   MapperFigures before, now;
   (void)channel_.up().figures.read(before);
   supervisor_->askForCheckpoint();
-  (void)supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+  (void)supervisor_->step(hard_skipped_.load(std::memory_order_relaxed));
   const auto saved = [&] {
     return !child_->running() ||
            (channel_.up().figures.read(now) && now.checkpoints.written > before.checkpoints.written);

@@ -11,26 +11,18 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/health/trace_json.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/seconds.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/mapper/mapper_tier.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr double kMiB = 1024.0 * 1024.0;
+using rt::milliseconds;
 
-double milliseconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-6;
-}
-
-double inMib(std::size_t bytes) {
-  return static_cast<double>(bytes) / kMiB;
-}
-
-void addStage(nlohmann::ordered_json& all, const rt::StageSummary& s, std::int64_t p999_ns) {
+void addStageJson(nlohmann::ordered_json& all, const rt::StageSummary& s, std::int64_t p999_ns) {
   if (s.count == 0) return;
   all[s.name] = {{"count", s.count},
                  {"p50_ms", milliseconds(s.p50_ns)},
@@ -43,33 +35,33 @@ void addStage(nlohmann::ordered_json& all, const rt::StageSummary& s, std::int64
 nlohmann::ordered_json stagesOf(const rt::StageTimes& times) {
   nlohmann::ordered_json all;
   for (std::size_t i = 0; i < times.stages(); ++i)
-    addStage(all, times.summary(i), times.histogram(i).percentile(99.9));
+    addStageJson(all, times.summary(i), times.histogram(i).percentile(99.9));
   return all;
 }
 
 nlohmann::ordered_json stagesOf(const MapperFigures& figures) {
   nlohmann::ordered_json all;
   for (std::size_t i = 0; i < MapperTier::kStages; ++i)
-    addStage(all, MapperTier::summaryOf(figures, i), figures.stages[i].p999_ns);
+    addStageJson(all, MapperTier::summaryOf(figures, i), figures.stages[i].p999_ns);
   return all;
 }
 
 nlohmann::ordered_json memoryOf(const rt::MemoryBudget& budget) {
   nlohmann::ordered_json memory;
-  memory["budget_mib"] = inMib(budget.budgetBytes());
-  memory["planned_mib"] = inMib(budget.plannedBytes());
+  memory["budget_mib"] = mebibytes(budget.budgetBytes());
+  memory["planned_mib"] = mebibytes(budget.plannedBytes());
   rt::ProcessMemory process;
   rt::ProcessFigures now;
   if (process.read(now)) {
-    memory["resident_mib"] = inMib(now.resident);
-    memory["highest_resident_mib"] = inMib(now.highest_resident);
-    memory["locked_mib"] = inMib(now.locked);
+    memory["resident_mib"] = mebibytes(now.resident);
+    memory["highest_resident_mib"] = mebibytes(now.highest_resident);
+    memory["locked_mib"] = mebibytes(now.locked);
   }
   for (std::size_t i = 0; i < budget.pools(); ++i) {
     const rt::MemoryBudget::Row row = budget.read(i);
-    nlohmann::ordered_json pool = {{"planned_mib", inMib(row.planned)}};
+    nlohmann::ordered_json pool = {{"planned_mib", mebibytes(row.planned)}};
     if (row.measured) {
-      pool["high_water_mib"] = inMib(row.use.high_water);
+      pool["high_water_mib"] = mebibytes(row.use.high_water);
       pool["refused"] = row.use.refused;
     }
     memory["pools"][row.name] = pool;
@@ -93,7 +85,7 @@ std::vector<rt::TimelineEvent> visionEvents(const MapperUp& up, std::int64_t fro
 
 nlohmann::ordered_json loopOf(const rt::PeriodicLoop::Statistics& loop) {
   return {{"cycles", loop.cycles},
-          {"slipped", loop.slipped_cycles},
+          {"slipped", loop.skipped_cycles},
           {"wake_up_p50_us", static_cast<double>(loop.jitter_ns.percentile(50)) * 1e-3},
           {"wake_up_p99_9_us", static_cast<double>(loop.jitter_ns.percentile(99.9)) * 1e-3},
           {"wake_up_max_us", static_cast<double>(loop.jitter_ns.max()) * 1e-3},
@@ -237,14 +229,14 @@ std::string liveJson(const LiveSystem& live_system, double wall_s) {
   }
   for (const ThreadFigures& thread : live_system.measured().cpu) live["cpu_s"][thread.name] = thread.cpu_s;
   live["memory"] = memoryOf(live_system.budget());
-  live["memory"]["resident_at_arming_mib"] = inMib(live_system.measured().resident_at_arming);
-  live["memory"]["mapper"] = {{"planned_mib", inMib(mapper.planned)},
-                              {"resident_mib", inMib(mapper.resident)},
-                              {"resident_at_arming_mib", inMib(mapper.resident_at_arming)},
-                              {"heap_beyond_reserve_mib", inMib(mapper.heap_overflow)},
+  live["memory"]["resident_at_arming_mib"] = mebibytes(live_system.measured().resident_at_arming);
+  live["memory"]["mapper"] = {{"planned_mib", mebibytes(mapper.planned)},
+                              {"resident_mib", mebibytes(mapper.resident)},
+                              {"resident_at_arming_mib", mebibytes(mapper.resident_at_arming)},
+                              {"heap_beyond_reserve_mib", mebibytes(mapper.heap_overflow)},
                               {"minor_faults_after_arming", mapper.minor_faults}};
-  live["memory"]["heap_in_use_of_reserve_mib"] = inMib(live_system.measured().heap_used);
-  live["memory"]["heap_beyond_reserve_mib"] = inMib(live_system.measured().heap_overflow);
+  live["memory"]["heap_in_use_of_reserve_mib"] = mebibytes(live_system.measured().heap_used);
+  live["memory"]["heap_beyond_reserve_mib"] = mebibytes(live_system.measured().heap_overflow);
   for (std::size_t i = 0; i < live_system.watchdog().tiers(); ++i) {
     const rt::Watchdog::TierState& tier = live_system.watchdog().state(i);
     live["watchdog"][tier.spec.name] = {{"times_stuck", tier.times_stuck},

@@ -12,22 +12,22 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "firmware_if/camera/gige_camera.hpp"
-#include "firmware_if/can/bus/can_source.hpp"
-#include "firmware_if/can/send/vehicle_report.hpp"
+#include "firmware_if/devices/camera/gige_camera.hpp"
+#include "firmware_if/devices/can/bus/can_source.hpp"
+#include "firmware_if/devices/can/send/can_sender.hpp"
 #include "firmware_if/devices/device_address.hpp"
-#include "firmware_if/dvl/dvl_source.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
-#include "realtime/kernel/command_line.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/seconds.hpp"
-#include "realtime/kernel/tiers/cpu_wake_limit.hpp"
-#include "realtime/kernel/tiers/service_notify.hpp"
+#include "firmware_if/devices/dvl/dvl_source.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/threads/arming.hpp"
+#include "realtime/kernel/threads/service_notify.hpp"
 #include "realtime/onboard/live/dive_lock.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/live/status_publisher.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "recon/geometry/colour.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -38,9 +38,9 @@ constexpr double kTimeline_s = 1, kTraceEvery_s = 10;
 constexpr double kLeaveWithin_s = 10;
 constexpr const char* kThisProgram = "/proc/self/exe";
 
-// What a signal asks for. SIGINT and SIGUSR1 (fathom-onboard --end) are an operator's end of the dive; a
-// SIGTERM is somebody else's end of the program, as at a shutdown or a restart of the unit: the dive goes on
-// when it is started again. A second one ends at once.
+// What a signal asks for. SIGINT and SIGUSR1 (fathom-onboard --end) end the dive; SIGTERM, as at a shutdown
+// or a restart of the unit, ends the program, and the dive continues when it is started again. A second
+// SIGTERM ends at once.
 enum class Asked : std::sig_atomic_t { kNothing = 0, kLeave, kEnd };
 volatile std::sig_atomic_t asked = 0, terms = 0;
 
@@ -86,7 +86,7 @@ LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& missi
   return devices;
 }
 
-// What other equipment on the CAN bus is told.
+// Navigation for other equipment on the CAN bus.
 io::VehicleReport canReport(const io::PoseReport& pose, const MapState& map) {
   io::VehicleReport report;
   report.utc_ns = pose.utc_ns;
@@ -148,7 +148,7 @@ class TraceTaker {
   std::string trace_;
 };
 
-// Until it is told to end; as what.
+// Runs until an end is requested; returns which.
 Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleClock& clock,
                 TraceTaker* traces) {
   const std::int64_t begin = clock.monotonicNs();
@@ -192,7 +192,8 @@ int conclude(LiveSystem& live, const LiveOptions& options, Asked how, double wal
   if (ends) writeLiveJson(live, options.folder, wall_s);
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());
   if (!ends) {
-    say("the dive is not ended: it goes on when the program is started again on " + options.folder.string());
+    say("the dive is not ended: it continues when the program is started again on " +
+        options.folder.string());
     return kExitSuccess;
   }
   if (end.mapped) return kExitSuccess;
@@ -219,8 +220,8 @@ OnboardConfig readConfig(const LiveOptions& options, const io::MissionConfig& mi
   return config;
 }
 
-// For --print-budget: what the program would make, made in a folder of its own, so that a dive that is under
-// way notices nothing.
+// For --print-budget: the program makes its files in a folder of its own, so that a running dive is not
+// affected.
 class PlanFolder {
  public:
   explicit PlanFolder(const std::filesystem::path& mission) {
@@ -246,7 +247,7 @@ class PlanFolder {
 };
 
 [[noreturn]] void endLost(const std::string& why) {
-  say(why + "; the program ends, and goes on with the dive when it is started again");
+  say(why + "; the program ends, and continues the dive when it is started again");
   std::_Exit(kExitFailedWork);
 }
 
@@ -285,11 +286,11 @@ int runLive(const LiveOptions& options) {
       vehicleClockOffset(stateFolder(options.folder), newestArrival(options.folder), &behind_ns));
   if (behind_ns > 0)
     say("the clock is " + std::to_string(rt::seconds(behind_ns)) +
-        " s behind the recording; the vehicle's time goes on from its end");
+        " s behind the recording; the vehicle's time continues from its end");
   std::shared_ptr<io::LcmBus> bus;
   io::CanSource* can = nullptr;
   if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
-  // It outlives the threads of what it tells of, whatever is thrown here.
+  // It outlives the threads that it reports on, also when this function throws.
   std::unique_ptr<StatusPublisher> publisher;
   LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config,
                    rt::ServiceNotify::kept() ? endLost : std::function<void(const std::string&)>()},
@@ -310,7 +311,7 @@ int runLive(const LiveOptions& options) {
   if (!arming.complete()) std::fprintf(stderr, "%s", arming.message().c_str());
   if (!arming.armed()) return kExitFailedWork;
   if (live.resumed())
-    std::fprintf(stderr, "fathom-onboard: goes on with this dive after %.2f s away\n", live.awaySeconds());
+    std::fprintf(stderr, "fathom-onboard: continues this dive after %.2f s away\n", live.awaySeconds());
   if (arming.complete())
     std::fprintf(stderr, "armed with SCHED_FIFO and locked memory\n");
   else
@@ -337,7 +338,7 @@ int endDive(const std::filesystem::path& folder) {
   if (!holder) throw InputError(folder, "", "no program dives in this folder");
   if (::kill(*holder, SIGUSR1) != 0)
     throw InputError(folder, "",
-                     "the program (process " + std::to_string(*holder) + ") cannot be told (" +
+                     "the program (process " + std::to_string(*holder) + ") cannot be signalled (" +
                          std::strerror(errno) + "); be its user, or root");
   std::printf("process %d ends its dive\n", static_cast<int>(*holder));
   while (DiveLock::holder(folder) == holder) rt::restFor(kSupervise_ns);

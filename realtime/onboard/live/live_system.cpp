@@ -6,16 +6,15 @@
 #include <cstdio>
 #include <functional>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/seconds.hpp"
-#include "realtime/kernel/tiers/service_notify.hpp"
+#include "realtime/kernel/threads/service_notify.hpp"
 #include "realtime/onboard/live/program_watch.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kRestNs = 2'000'000;  // of whoever waits for another part
 constexpr std::int64_t kRecorderRestNs = 10'000'000;
 constexpr std::int64_t kCameraSearchNs =
     10'000'000'000;  // that a camera's thread may be away for, looking for it
@@ -124,7 +123,7 @@ MapperChild::Start LiveSystem::childStart(bool plan) const {
 void LiveSystem::planThreads() {
   using Watch = WatchedThreads::Watch;
   // Recording is worth much; navigation more: a disk that stalls must not end it.
-  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{true, false, 0, true},
+  threads_.add(rt::Tier::kBestEffort, "recorder", Watch{true, 0, true},
                [this](auto& heart) { runRecorder(heart); });
   for (const auto& source : devices_.samples) {
     Sample& sample = samples_.emplace_back();
@@ -136,7 +135,7 @@ void LiveSystem::planThreads() {
   }
   const auto camera = [&](std::size_t i, const char* name, io::CameraSource& source, FrameLender& frames,
                           std::unique_ptr<CameraThread>& to) {
-    rt::Heartbeat& heart = threads_.add(rt::Tier::kCamera, name, Watch{true, false, kCameraSearchNs},
+    rt::Heartbeat& heart = threads_.add(rt::Tier::kCamera, name, Watch{true, kCameraSearchNs},
                                         [this, &to](auto&) { to->run(stop_devices_); });
     to = std::make_unique<CameraThread>(
         source, CameraThread::Links{&own_rings_[i], &frames, &recorder_, &heart}, clock_);
@@ -151,8 +150,8 @@ void LiveSystem::planThreads() {
         ModemThread::Links{&channel_.up().modem, &own_status_, &own_rings_[2], &recorder_, lanes_++, &heart},
         clock_);
   }
-  navigation_ = &threads_.add(rt::Tier::kHard, "navigation", Watch{false, true},
-                              [this](auto& heart) { navigate(heart); });
+  navigation_ =
+      &threads_.add(rt::Tier::kHard, "navigation", Watch{false}, [this](auto& heart) { navigate(heart); });
   threads_.add(rt::Tier::kBestEffort, "watchdog", Watch{}, [this](auto& heart) { runWatchdog(heart); });
 }
 
@@ -217,7 +216,7 @@ std::size_t LiveSystem::addBestEffort(const char* name, std::function<void()> st
   return lanes_++;
 }
 
-// Nothing goes on without navigation, and nothing else of this process can take its place.
+// Nothing works without navigation, and nothing else of this process can take its place.
 void LiveSystem::navigate(rt::Heartbeat& heart) {
   try {
     runHard(heart);
@@ -230,7 +229,7 @@ void LiveSystem::navigate(rt::Heartbeat& heart) {
 void LiveSystem::runHard(rt::Heartbeat& heart) {
   while (!go_.load(std::memory_order_acquire)) {
     if (stop_hard_.load(std::memory_order_acquire)) return;
-    rt::restFor(kRestNs);
+    rt::restFor(rt::kPollRest_ns);
   }
   loop_.emplace(clock_, setup_.config.live.realtime.period_ns);
   first_deadline_ns_.store(loop_->nextDeadlineNs(), std::memory_order_relaxed);
@@ -248,7 +247,7 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
       const rt::ThreadCost cost = rt::threadCost() - before;
       hard_heap_calls_.store(cost.heap_calls, std::memory_order_relaxed);
       hard_minor_faults_.store(cost.minor_faults, std::memory_order_relaxed);
-      hard_slipped_.store(loop_->statistics().slipped_cycles, std::memory_order_relaxed);
+      hard_skipped_.store(loop_->statistics().skipped_cycles, std::memory_order_relaxed);
       hard_major_faults_.store(cost.major_faults, std::memory_order_relaxed);
     }
     return !stop_hard_.load(std::memory_order_acquire);
@@ -258,10 +257,11 @@ void LiveSystem::runHard(rt::Heartbeat& heart) {
 // What a mapper decided goes to the log, and what the disk holds of the log to the mapper. On the recorder's
 // thread: a disk that stalls it holds up nothing that this is for.
 void LiveSystem::takeFromMapper() {
-  MadeDecision made;
+  PairDecision decision;
   // Another process may push for ever.
-  for (std::size_t i = 0; i < channel_.up().decisions.capacity() && channel_.up().decisions.pop(made); ++i)
-    (void)recorder_.offerDecision({made.utc_ns, made.decision});
+  for (std::size_t i = 0; i < channel_.up().decisions.capacity() && channel_.up().decisions.pop(decision);
+       ++i)
+    (void)recorder_.offerDecision({decision.utc_ns, decision.decision});
   const io::Recorder::Counters c = recorder_.counters();
   channel_.down().safe_position.store(c.safe_position, std::memory_order_relaxed);
   channel_.down().decisions_safe.store(c.decisions_safe, std::memory_order_relaxed);
@@ -323,11 +323,9 @@ int LiveSystem::printBudget() {
   if (WEXITSTATUS(status) != 0) return WEXITSTATUS(status);
   MapperFigures figures;
   (void)channel_.up().figures.read(figures);
-  constexpr double kMib = 1024.0 * 1024.0;
   const std::size_t both = budget_.plannedBytes() + figures.planned;
-  std::fprintf(stderr, "both processes %.2f of %.2f MiB, %s\n", static_cast<double>(both) / kMib,
-               static_cast<double>(budget_.budgetBytes()) / kMib,
-               both <= budget_.budgetBytes() ? "fits" : "does not fit");
+  std::fprintf(stderr, "both processes %.2f of %.2f MiB, %s\n", mebibytes(both),
+               mebibytes(budget_.budgetBytes()), both <= budget_.budgetBytes() ? "fits" : "does not fit");
   return 0;
 }
 
@@ -335,10 +333,10 @@ std::vector<std::string> LiveSystem::supervise() {
   supervised_.fetch_add(1, std::memory_order_relaxed);
   std::vector<std::string> events;
   try {
-    events = supervisor_->step(hard_slipped_.load(std::memory_order_relaxed));
+    events = supervisor_->step(hard_skipped_.load(std::memory_order_relaxed));
     endIfHanging();
   } catch (const std::exception& e) {
-    events.push_back(std::string("the supervisor failed (") + e.what() + "); it goes on");
+    events.push_back(std::string("the supervisor failed (") + e.what() + "); it continues");
   }
   events.insert(events.begin(), early_events_.begin(), early_events_.end());
   early_events_.clear();

@@ -13,17 +13,17 @@
 #include "firmware_if/recorder/recorder.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
-#include "realtime/kernel/heap_counter.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
 #include "realtime/kernel/memory/memory_budget.hpp"
-#include "realtime/kernel/periodic_loop.hpp"
-#include "realtime/kernel/tiers/arming.hpp"
-#include "realtime/kernel/tiers/realtime_config.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/kernel/threads/arming.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
+#include "realtime/kernel/time/periodic_loop.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/live/devices/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
-#include "realtime/onboard/live/hung_restarts.hpp"
 #include "realtime/onboard/live/live_report.hpp"
 #include "realtime/onboard/live/part_states.hpp"
+#include "realtime/onboard/live/program_watch.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "realtime/onboard/live/supervisor.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
@@ -46,13 +46,14 @@ struct LiveSetup {
   // What the mapper process is: this program, with the configuration that `config` was read from.
   std::filesystem::path mapper_program = "/proc/self/exe";
   std::optional<std::filesystem::path> config_file;
-  // Ends the process, because of `why`: whoever keeps it starts it again. Empty: nobody would, it goes on.
+  // Ends the process, because of `why`, for its keeper to start it again. Empty: it has no keeper and
+  // continues.
   std::function<void(const std::string& why)> lost = {};
 };
 
-// The vehicle process: devices, hard tier, recorder, modem, each on its thread, and the mapper process that
-// is started, watched and started again. What it does to a mission is in the sequence of inputs alone; this
-// class only moves it. Supervisor looks after it, live_report tells of it.
+// The vehicle process: devices, hard tier, recorder and modem, each on its thread, and the mapper process,
+// which is started, watched and restarted. The sequence of inputs alone determines the mission's results;
+// this class only transports it. Supervisor supervises it, live_report reports on it.
 class LiveSystem {
  public:
   // Everything that lives as long as the program is made here. Throws InputError, std::system_error.
@@ -62,17 +63,17 @@ class LiveSystem {
   LiveSystem& operator=(const LiveSystem&) = delete;
 
   [[nodiscard]] const rt::MemoryBudget& budget() const { return budget_; }
-  // Starts the mapper and every thread, locks memory, and lets the hard tier go if that was granted, or soft
-  // mode overrides. A dive that begins waits here for what the mapper plans to take, so that the budget is
-  // looked at as a whole; one that goes on does not.
+  // Starts the mapper and every thread, locks memory, and starts the hard tier if that was granted or soft
+  // mode overrides. A new dive waits here for the mapper's memory plan, to check the budget as a whole; a
+  // continued one does not.
   [[nodiscard]] rt::ArmingResult arm();
   [[nodiscard]] const rt::HeapReserve& heap() const { return heap_; }
-  // What --print-budget shows, instead of arm(): the pools of this process, then the mapper's, which it
-  // prints itself, and both together. An exit status.
+  // --print-budget, instead of arm(): prints the pools of this process, then those of the mapper, which it
+  // prints itself, and the sum. Returns an exit status.
   [[nodiscard]] int printBudget();
 
-  // Some times a second, until end() or leave(); a line for each thing that happened. Where it is not called,
-  // or navigation stands still, or a thread hangs for good, the program is lost (LiveSetup).
+  // Call some times a second until end() or leave(); returns a line per event. If it is not called,
+  // navigation stands still, or a thread hangs for good, the program is lost (LiveSetup).
   [[nodiscard]] std::vector<std::string> supervise();
 
   // How a run ended, for the operator.
@@ -81,16 +82,16 @@ class LiveSystem {
     bool no_map = false;                // the mapper ended, but no pair gave a map
     std::vector<std::string> left_out;  // what could not be done in time, or at all
   };
-  // The survey ends: devices stop, what waits is worked off, poses and map become final. Within `most_s`
-  // whatever hangs; what is not done by then is left out and said.
+  // Ends the survey: devices stop, queues are completed, poses and map become final. Returns within `most_s`
+  // even if parts hang; what is not done by then is left out and reported.
   [[nodiscard]] End end(double most_s);
-  // The program ends, the dive does not: it goes on when the program is started again.
+  // The program ends, the dive does not: it continues when the program is started again.
   [[nodiscard]] End leave(double most_s);
-  // After either: threads that could not be brought to end are still there; the process must end without
-  // waiting for them (std::_Exit).
+  // After either: some threads could not be ended; the process must end without waiting for them
+  // (std::_Exit).
   [[nodiscard]] bool hangs() const { return hangs_; }
 
-  // What was measured when it was armed, and when the survey ended.
+  // Measured at arming and at the end of the survey.
   struct Measured {
     std::size_t resident_at_arming = 0, heap_used = 0, heap_overflow = 0;  // [bytes]
     std::vector<ThreadFigures> cpu;
@@ -118,24 +119,24 @@ class LiveSystem {
   [[nodiscard]] const rt::StageTimes& recorderStages() const { return recorder_stages_; }
   [[nodiscard]] const ModemThread* modem() const { return modem_.get(); }
   [[nodiscard]] const OnboardConfig& config() const { return setup_.config; }
-  // Frames of the cameras that were not lent to a mapper that had no room.
+  // Camera frames that were not lent because the mapper had no room.
   [[nodiscard]] std::uint64_t framesNotLent() const;
-  // Another best-effort thread that runs until the devices stop, watched like the others. Before arm(); its
-  // lane of the recorder.
+  // Adds a watched best-effort thread that runs until the devices stop. Before arm(). Returns its lane of the
+  // recorder.
   std::size_t addBestEffort(const char* name, std::function<void()> step,
                             std::function<std::int64_t()> rest_ns);
   [[nodiscard]] const rt::Watchdog& watchdog() const { return threads_.watchdog(); }
-  // Grow as long as navigation runs; from any thread.
+  // Grows while navigation runs; from any thread.
   [[nodiscard]] std::uint64_t navigationBeats() const { return navigation_->beats(); }
   [[nodiscard]] const rt::ArmingResult& arming() const { return arming_; }  // by the thread that armed it
   // Armed with all that real time needs; from any thread.
   [[nodiscard]] bool complete() const { return complete_.load(std::memory_order_relaxed); }
-  // Of the hard loop, which keeps its phase; monotonic, 0 before it is let go. From any thread.
+  // First deadline of the hard loop, which keeps its phase; monotonic, 0 before it starts. From any thread.
   [[nodiscard]] std::int64_t firstDeadlineNs() const {
     return first_deadline_ns_.load(std::memory_order_relaxed);
   }
-  // The program went on with an earlier run's dive; how long nobody listened [s],
-  // known when armed; what was passed over.
+  // Whether this run continues an earlier run's dive; the interruption [s], known when armed; what was passed
+  // over.
   [[nodiscard]] bool resumed() const { return resume_.any(); }
   [[nodiscard]] double awaySeconds() const { return static_cast<double>(away_ns_) * 1e-9; }
   [[nodiscard]] const std::vector<std::string>& resumeSaid() const { return resume_.said; }
@@ -186,11 +187,11 @@ class LiveSystem {
   std::unique_ptr<MapperChild> child_;
   std::optional<Supervisor> supervisor_;
   HungRestarts hung_restarts_;
-  std::vector<std::string> early_events_;  // of before it was armed, not told yet
+  std::vector<std::string> early_events_;  // from before arming, not reported yet
   std::atomic<bool> go_{false}, ends_{false}, stop_devices_{false}, stop_hard_{false}, stop_modem_{false},
       stop_recorder_{false}, complete_{false};
   std::atomic<std::uint64_t> hard_heap_calls_{0}, hard_minor_faults_{0}, hard_major_faults_{0},
-      hard_slipped_{0};
+      hard_skipped_{0};
   std::atomic<std::int64_t> first_deadline_ns_{0};
   std::atomic<std::uint64_t> supervised_{0};  // times
   std::size_t lanes_ = 0;                     // of the recorder, in use

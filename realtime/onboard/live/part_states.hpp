@@ -8,7 +8,7 @@
 
 namespace fathom::onboard {
 
-// Where a part of the program is: navigation, recorder, each device, mapper, link, output, publisher.
+// State of a part of the program: navigation, recorder, each device, mapper, link, output, publisher.
 enum class PartState : std::uint8_t { kStarting, kCatchingUp, kRunning, kFailed, kEnded };
 [[nodiscard]] const char* nameOf(PartState state);
 
@@ -18,7 +18,7 @@ struct PartReport {
   std::string reason;  // of kFailed, and of what keeps it from running
 };
 
-// Every part's state, kept by the supervisor, read by whoever tells of it. Best effort on both sides.
+// Every part's state, written by the supervisor, read by any reporter; both in best-effort threads (a mutex).
 class PartStates {
  public:
   // True when the part's state is another now.

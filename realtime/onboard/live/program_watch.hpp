@@ -1,12 +1,13 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 
 namespace fathom::onboard {
 
-// Whether the program can go on as it is: navigation and supervisor show signs of life. Where one of them
-// does not, only another process can do their work. A state machine without threads.
+// Whether the program can continue: navigation and supervisor show signs of life. If one of them does not,
+// only a new process can do its work. A state machine without threads.
 class ProgramWatch {
  public:
   struct Config {
@@ -15,11 +16,11 @@ class ProgramWatch {
   };
   explicit ProgramWatch(const Config& config) : config_(config) {}
 
-  // Some times a second, with counts that grow as long as the two live: why the program must end, "" where it
-  // need not.
+  // Call some times a second, with counts that grow while the two are alive. Returns why the program must
+  // end, "" if it need not.
   [[nodiscard]] std::string look(std::int64_t now_ns, std::uint64_t navigation_beats,
                                  std::uint64_t supervisor_beats);
-  // Navigation was alive when it was looked at last: what the service manager's own watchdog is told.
+  // Navigation was alive at the last look: the condition for serving the service manager's watchdog.
   [[nodiscard]] bool alive() const { return alive_; }
 
  private:
@@ -32,6 +33,24 @@ class ProgramWatch {
   Config config_;
   Life navigation_, supervisor_;
   bool alive_ = false;
+};
+
+// Time to wait for a hung thread before the whole program is restarted, which costs navigation a second.
+// Doubles with each such restart of a dive.
+class HungRestarts {
+ public:
+  // Counted in a file of that folder.
+  explicit HungRestarts(const std::filesystem::path& state_folder);
+  // Wait for a thread that may be silent for `limit_ns`.
+  [[nodiscard]] std::int64_t patienceNs(std::int64_t limit_ns) const;
+  // Counts a restart. False if that could not be written: then the program must not end.
+  [[nodiscard]] bool note();
+  // A thread of this process waits for a disk that does not answer, so that the process could not end either.
+  [[nodiscard]] static bool waitsForDisk();
+
+ private:
+  std::filesystem::path file_;
+  int count_ = 0;
 };
 
 }  // namespace fathom::onboard

@@ -5,11 +5,11 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "firmware_if/log/log_inputs.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/state_archive.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -49,7 +49,7 @@ void follow(const std::filesystem::path& folder, io::LogInputReader& log, HardTi
       case io::LogInputReader::Step::kEnd:
         return;
       case io::LogInputReader::Step::kUnreadable:
-        resume.said.push_back("sensors.lcmlog: " + log.failure() + "; navigation goes on from there");
+        resume.said.push_back("sensors.lcmlog: " + log.failure() + "; navigation continues from there");
         return;
       case io::LogInputReader::Step::kInput:
         break;
@@ -103,7 +103,7 @@ std::int64_t newestArrival(const std::filesystem::path& folder) {
     while (events.next(event))
       if (io::carriesInput(event.channel)) newest_us = std::max(newest_us, event.timestamp_us);
   } catch (const InputError&) {
-    return 0;  // whoever reads it whole says why
+    return 0;  // its full reader reports why
   }
   return newest_us * 1000;
 }
@@ -127,7 +127,7 @@ std::int64_t vehicleClockOffset(const std::filesystem::path& state_folder, std::
   try {
     writeFile(path, boot + ' ' + std::to_string(start.offset_ns) + "\n");
   } catch (const std::runtime_error&) {
-    // A full disk holds up no start: the next one goes on from the log's end.
+    // A full disk holds up no start: the next one continues from the log's end.
   }
   return start.offset_ns;
 }

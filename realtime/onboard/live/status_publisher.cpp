@@ -2,24 +2,19 @@
 
 #include <algorithm>
 
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/mapper/mapper_tier.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;  // [ns]
-constexpr double kMiB = 1024.0 * 1024.0;
 constexpr int kCellsPerTile = 16;
 
-double milliseconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-6;
-}
-
-void addStage(const rt::StageSummary& s, io::HealthReport& report) {
+void addReportedStage(const rt::StageSummary& s, io::HealthReport& report) {
   if (s.count > 0)
-    report.stages.add({s.name, s.count, s.misses, milliseconds(s.last_ns), milliseconds(s.p50_ns),
-                       milliseconds(s.p99_ns), milliseconds(s.max_ns)});
+    report.stages.add({s.name, s.count, s.misses, rt::milliseconds(s.last_ns), rt::milliseconds(s.p50_ns),
+                       rt::milliseconds(s.p99_ns), rt::milliseconds(s.max_ns)});
 }
 
 }  // namespace
@@ -37,7 +32,7 @@ StatusPublisher::StatusPublisher(LiveSystem& live, std::shared_ptr<io::LcmBus> b
       system_(folder),
       begin_ns_(clock.monotonicNs()) {}
 
-void StatusPublisher::tell(const io::LogMessage& message) {
+void StatusPublisher::publish(const io::LogMessage& message) {
   if (publisher_) publisher_->publish(message);
   (void)log(message);
 }
@@ -51,13 +46,13 @@ void StatusPublisher::step() {
   (void)live_.hard().readForBus(nav_);
   (void)live_.mapper().up().readMap(map_);
   if (config_.pose_hz > 0 && now >= next_pose_ns_) {
-    const auto period = static_cast<std::int64_t>(static_cast<double>(kSecond) / config_.pose_hz);
+    const auto period = static_cast<std::int64_t>(static_cast<double>(kSecond_ns) / config_.pose_hz);
     // Keeps its pace, but makes up for nothing.
     next_pose_ns_ = std::max(next_pose_ns_ + period, now);
     publishPose();
   }
   if (now < next_slow_ns_) return;
-  next_slow_ns_ = now + kSecond;
+  next_slow_ns_ = now + kSecond_ns;
   setOwnStatus();
   publishSlow();
 }
@@ -68,7 +63,7 @@ std::int64_t StatusPublisher::restNs() const {
   return std::clamp(next_pose_ns_ - clock_.monotonicNs(), kShortest, kLongest);
 }
 
-// What the ship is told while nobody maps: where the vehicle is by dead reckoning.
+// Status for the ship while no mapper runs: the position by dead reckoning.
 void StatusPublisher::setOwnStatus() {
   telemetry::Status status = map_.status;
   status.utc_ns = nav_.pose_utc_ns != 0 ? nav_.pose_utc_ns : clock_.utcNs();
@@ -104,19 +99,19 @@ void StatusPublisher::publishPose() {
 
 void StatusPublisher::publishSlow() {
   logPassedOver();
-  tell(io::encodeMap(mapReport()));
-  tell(io::encodeLink(linkReport()));
-  tell(io::encodeHealth(health()));
+  publish(io::encodeMap(mapReport()));
+  publish(io::encodeLink(linkReport()));
+  publish(io::encodeHealth(health()));
 }
 
-// What the mapper went on without, a replay of the log may have.
+// Logs inputs that the mapper skipped and a replay of the log may have.
 void StatusPublisher::logPassedOver() {
   const std::uint64_t passed = map_.inputs_passed_over;
-  passed_over_told_ = std::min(passed_over_told_, passed);  // another mapper counts anew
-  if (passed == passed_over_told_) return;
-  if (log(io::encodeGap({clock_.utcNs(), io::RecordingGap::Kind::kInputs, passed - passed_over_told_,
+  passed_over_reported_ = std::min(passed_over_reported_, passed);  // another mapper counts from 0
+  if (passed == passed_over_reported_) return;
+  if (log(io::encodeGap({clock_.utcNs(), io::RecordingGap::Kind::kInputs, passed - passed_over_reported_,
                          std::string(io::kGapOfMapper)})))
-    passed_over_told_ = passed;
+    passed_over_reported_ = passed;
 }
 
 io::MapReport StatusPublisher::mapReport() const {
@@ -161,20 +156,20 @@ io::HealthReport StatusPublisher::health() {
   report.uptime_s = static_cast<double>(clock_.monotonicNs() - begin_ns_) * 1e-9;
   report.clock_steps = live_.supervisor().clockSteps();
   report.restarts = (live_.resumed() ? 1 : 0) + live_.supervisor().mapperRestarts();
-  report.budget_mib = static_cast<double>(live_.budget().budgetBytes()) / kMiB;
-  if (rt::ProcessFigures process; process_.read(process))
-    report.resident_mib = static_cast<double>(process.resident) / kMiB;
+  report.budget_mib = mebibytes(live_.budget().budgetBytes());
+  if (rt::ProcessFigures process; process_.read(process)) report.resident_mib = mebibytes(process.resident);
   const rt::SystemFigures system = system_.read();
-  if (system.disk_free_bytes) report.disk_free_mib = static_cast<double>(*system.disk_free_bytes) / kMiB;
+  if (system.disk_free_bytes) report.disk_free_mib = mebibytes(*system.disk_free_bytes);
   if (system.cpu_temperature_c) report.temperature_c = *system.cpu_temperature_c;
   if (system.load) report.load = *system.load;
   rt::StageTimes::Snapshot stages;
   MapperFigures mapper;
   if (live_.mapper().up().figures.read(mapper))
-    for (std::size_t i = 0; i < MapperTier::kStages; ++i) addStage(MapperTier::summaryOf(mapper, i), report);
+    for (std::size_t i = 0; i < MapperTier::kStages; ++i)
+      addReportedStage(MapperTier::summaryOf(mapper, i), report);
   for (rt::StageTimes* times : {&live_.hardStages(), &live_.recorderStages()})
     if (times->read(stages))
-      for (const rt::StageSummary& s : stages.all()) addStage(s, report);
+      for (const rt::StageSummary& s : stages.all()) addReportedStage(s, report);
   for (std::size_t i = 0; i < live_.budget().pools(); ++i) {
     const rt::MemoryBudget::Row row = live_.budget().read(i);
     if (row.measured)

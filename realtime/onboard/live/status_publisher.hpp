@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <memory>
 
-#include "firmware_if/lcm_bus/health_report.hpp"
-#include "firmware_if/lcm_bus/lcm_source.hpp"
+#include "firmware_if/devices/lcm/health_report.hpp"
+#include "firmware_if/devices/lcm/lcm_source.hpp"
 #include "realtime/kernel/health/system_status.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/onboard/live/live_system.hpp"
@@ -13,10 +13,10 @@
 
 namespace fathom::onboard {
 
-// Tells other programs and the log what the vehicle's program knows: pose, map, link, health. One best-effort
-// thread calls step(); it reads what the tiers and the mapper left and keeps none of them waiting. A pose is
-// told only while it is known where odometry is in nav: from the first fix on; while no mapper lives, by
-// the last that was known.
+// Publishes pose, map, link and health of the vehicle on the bus and in the log. One best-effort thread calls
+// step(); it reads what the tiers and the mapper left and delays none of them. A pose is published only while
+// the position of odometry in nav is known: from the first fix on; while no mapper runs, by the last known
+// one.
 class StatusPublisher {
  public:
   struct Config {
@@ -30,7 +30,7 @@ class StatusPublisher {
   void step();
   // Until the next step [ns].
   [[nodiscard]] std::int64_t restNs() const;
-  // The newest pose in nav, for whoever else tells it; std::nullopt before one is known.
+  // The newest pose in nav, for other outputs; std::nullopt before one is known.
   [[nodiscard]] const std::optional<io::PoseReport>& pose() const { return pose_; }
   [[nodiscard]] const MapState& map() const { return map_; }
 
@@ -42,7 +42,7 @@ class StatusPublisher {
   [[nodiscard]] io::HealthReport health();
   [[nodiscard]] io::MapReport mapReport() const;
   [[nodiscard]] io::LinkReport linkReport() const;
-  void tell(const io::LogMessage& message);
+  void publish(const io::LogMessage& message);
   // False where the recorder has no room for it.
   bool log(const io::LogMessage& message);
 
@@ -58,7 +58,7 @@ class StatusPublisher {
   NavState nav_;
   MapState map_;
   std::optional<io::PoseReport> pose_;
-  std::uint64_t passed_over_told_ = 0;  // inputs, of this mapper
+  std::uint64_t passed_over_reported_ = 0;  // inputs, of this mapper
   std::int64_t next_pose_ns_ = 0, next_slow_ns_ = 0, begin_ns_;
 };
 

@@ -47,14 +47,14 @@ void Supervisor::begin(bool complete) {
   const std::int64_t now = links_.clock->monotonicNs();
   next_checkpoint_ns_ = now + checkpoint_ns_;
   links_.threads->watchFrom(now);
-  told_health_ = programHealth(0);
-  (void)links_.hard->mark({io::Mark::Kind::kHealth, told_health_});
-  // Of a dive that goes on: whoever mapped before is gone.
+  reported_health_ = programHealth(0);
+  (void)links_.hard->mark({io::Mark::Kind::kHealth, reported_health_});
+  // A continued dive: the mapper of the earlier run is gone.
   if (!links_.channel->down().fresh.load()) (void)links_.hard->mark({io::Mark::Kind::kMapperLost, 0});
 }
 
-std::uint64_t Supervisor::programHealth(std::uint64_t slipped) const {
-  std::uint64_t flags = slipped << 16U;
+std::uint64_t Supervisor::programHealth(std::uint64_t skipped) const {
+  std::uint64_t flags = skipped << 16U;
   if (!complete_) flags |= telemetry::kHealthSoftRealTime;
   MapState map;
   const bool known = links_.channel->up().readMap(map);
@@ -86,21 +86,21 @@ MapperKeeper::Seen Supervisor::look() const {
   return seen;
 }
 
-void Supervisor::startMapper(bool anew, std::vector<std::string>& events) {
+void Supervisor::startMapper(bool from_empty, std::vector<std::string>& events) {
   MapperUp& up = links_.channel->up();
   MapperDown& down = links_.channel->down();
   up.enter(MapperPhase::kStarting);
   up.begun_with.store(0);
   up.loading.store(0);
   up.working_pair.store(0);
-  // One more than can be on their way is nonsense, and would keep every state from being saved.
+  // More than can be pending is nonsense, and would prevent every state from being saved.
   const std::uint64_t safe = down.decisions_safe.load(), made = up.decisions_made.load();
   if (made < safe || made - safe > kMostUnsafe) up.decisions_made.store(safe);
-  down.anew.store(anew);
+  down.from_empty.store(from_empty);
   if (starts_.load() > 0) down.fresh.store(false);
   restart_marked_ = down.fresh.load();
   mapper_started_ns_ = links_.clock->monotonicNs();
-  if (anew) events.emplace_back("the mapper got no further again and again; it begins at the present");
+  if (from_empty) events.emplace_back("the mapper got no further again and again; it begins at the present");
   if (const std::string why = links_.child->start(); !why.empty()) {
     mapper_reason_ = "cannot be started: " + why;
     events.push_back("the mapper " + mapper_reason_);
@@ -123,7 +123,7 @@ void Supervisor::stepMapper(std::vector<std::string>& events) {
   }
   if (orders.lost) {
     lost_marked_ = false;
-    events.push_back("the mapper is lost (" + mapper_reason_ + "); navigation and recording go on");
+    events.push_back("the mapper is lost (" + mapper_reason_ + "); navigation and recording continue");
   }
   if (orders.avoid) {
     auto& avoid = links_.channel->down().avoid;
@@ -135,7 +135,7 @@ void Supervisor::stepMapper(std::vector<std::string>& events) {
                      ", which is left out");
     dropPair(*orders.drop_pair);
   }
-  if (orders.start && !let_be_) startMapper(orders.anew, events);
+  if (orders.start && !restarts_stopped_) startMapper(orders.from_empty, events);
   if (!begun_) return;
   if (!lost_marked_) lost_marked_ = links_.hard->mark({io::Mark::Kind::kMapperLost, 0});
   if (!restart_marked_ && lost_marked_) markRestart(events);
@@ -155,10 +155,10 @@ void Supervisor::markRestart(std::vector<std::string>& events) {
   restart_marked_ = links_.hard->mark({io::Mark::Kind::kRestart, begun_with - 1});
   if (!restart_marked_) return;
   const std::uint64_t number = begun_with - 1;
-  events.push_back("the mapper goes on " +
-                   (number == io::Mark::kAnew ? std::string("anew, with an empty map")
-                    : number == 0             ? std::string("from the log's beginning")
-                                              : "from checkpoint " + std::to_string(number)) +
+  events.push_back("the mapper continues " +
+                   (number == io::Mark::kEmptyMap ? std::string("with an empty map")
+                    : number == 0                 ? std::string("from the log's beginning")
+                                                  : "from checkpoint " + std::to_string(number)) +
                    ", " + std::to_string((now - mapper_started_ns_) / 1'000'000) + " ms after its start");
 }
 
@@ -186,7 +186,7 @@ void Supervisor::notePartStates(std::vector<std::string>& events) {
   const PartState mapper = running || keeper_.done() ? stateOf(phase()) : PartState::kFailed;
   if (parts.set("mapper", mapper, mapper == PartState::kFailed ? mapper_reason_ : "") &&
       mapper == PartState::kRunning && starts_.load() > 1)
-    events.emplace_back("the map goes on");
+    events.emplace_back("the map continues");
   MapState map;
   (void)links_.channel->up().readMap(map);
   const PartState of_map = mapper == PartState::kFailed ? PartState::kFailed : mapper;
@@ -195,7 +195,7 @@ void Supervisor::notePartStates(std::vector<std::string>& events) {
             map.rows_lost > 0 ? "the disk refused rows" : (of_map == PartState::kFailed ? "no mapper" : ""));
 }
 
-std::vector<std::string> Supervisor::step(std::uint64_t slipped) {
+std::vector<std::string> Supervisor::step(std::uint64_t skipped) {
   rt::faultPoint("supervisor");
   std::vector<std::string> events;
   const std::int64_t now = links_.clock->monotonicNs();
@@ -206,7 +206,7 @@ std::vector<std::string> Supervisor::step(std::uint64_t slipped) {
     ++clock_steps_;
     events.push_back("the system's clock was set by " +
                      std::to_string(static_cast<double>(clock_step - last_step_ns_) * 1e-9) +
-                     " s; the vehicle's time goes on unchanged");
+                     " s; the vehicle's time continues unchanged");
   }
   last_step_ns_ = clock_step;
   stepMapper(events);
@@ -215,8 +215,9 @@ std::vector<std::string> Supervisor::step(std::uint64_t slipped) {
     ++next_;
     next_checkpoint_ns_ = now + checkpoint_ns_;
   }
-  const std::uint64_t health = programHealth(slipped);
-  if (health != told_health_ && links_.hard->mark({io::Mark::Kind::kHealth, health})) told_health_ = health;
+  const std::uint64_t health = programHealth(skipped);
+  if (health != reported_health_ && links_.hard->mark({io::Mark::Kind::kHealth, health}))
+    reported_health_ = health;
   return events;
 }
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "firmware_if/recorder/recorder.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/live/devices/own_status.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
 #include "realtime/onboard/live/part_states.hpp"
@@ -17,8 +17,8 @@
 
 namespace fathom::onboard {
 
-// Looks after a live run some times a second: threads, the mapper process, the system's clock, when a
-// checkpoint is due, the state of every part, and the health flags that the cores cannot see.
+// Supervises a live run some times a second: threads, the mapper process, the system's clock, due
+// checkpoints, the state of every part, and the health flags that the cores cannot see.
 class Supervisor {
  public:
   struct Links {
@@ -39,16 +39,16 @@ class Supervisor {
         next_(next_checkpoint),
         keeper_(keeper) {}
 
-  // When armed; whether with all that real time needs.
+  // When armed. `complete`: with all that real time needs.
   void begin(bool complete);
-  // A line for each thing that happened. `slipped`: cycles of the hard loop, so far.
-  [[nodiscard]] std::vector<std::string> step(std::uint64_t slipped);
+  // Returns a line per event. `skipped`: cycles of the hard loop, so far.
+  [[nodiscard]] std::vector<std::string> step(std::uint64_t skipped);
   // Only the mapper: before it is armed, and when the rest has ended.
   void stepMapper(std::vector<std::string>& events);
   // A state is to be saved now, whether or not one is due.
   void askForCheckpoint() { next_checkpoint_ns_ = 0; }
   // The mapper is not started again.
-  void letMapperBe() { let_be_ = true; }
+  void stopRestarts() { restarts_stopped_ = true; }
 
   // From any thread.
   [[nodiscard]] std::uint64_t clockSteps() const { return clock_steps_.load(std::memory_order_relaxed); }
@@ -62,11 +62,11 @@ class Supervisor {
   [[nodiscard]] bool mapperDone() const { return keeper_.done(); }
 
  private:
-  [[nodiscard]] std::uint64_t programHealth(std::uint64_t slipped) const;
+  [[nodiscard]] std::uint64_t programHealth(std::uint64_t skipped) const;
   [[nodiscard]] MapperKeeper::Seen look() const;
-  void startMapper(bool anew, std::vector<std::string>& events);
+  void startMapper(bool from_empty, std::vector<std::string>& events);
   void dropPair(std::uint32_t pair);
-  // Puts the mark of the mapper's start into the log, when it has nearly caught up.
+  // Logs the mark of the mapper's start, when it has nearly caught up.
   void markRestart(std::vector<std::string>& events);
   [[nodiscard]] std::string refusalOf(const std::string& part) const;
   void notePartStates(std::vector<std::string>& events);
@@ -76,11 +76,11 @@ class Supervisor {
   std::uint64_t next_;  // checkpoint
   MapperKeeper keeper_;
   std::int64_t next_checkpoint_ns_ = 0, last_step_ns_ = 0;
-  bool complete_ = false, let_be_ = false, begun_ = false;
+  bool complete_ = false, restarts_stopped_ = false, begun_ = false;
   bool restart_marked_ = false, lost_marked_ = true;
-  std::int64_t mapper_started_ns_ = 0, lost_ns_ = 0;
+  std::int64_t mapper_started_ns_ = 0;
   std::string mapper_reason_ = "not started yet";
-  std::uint64_t told_health_ = 0;
+  std::uint64_t reported_health_ = 0;
   rt::ClockHealth clock_health_;
   std::atomic<std::uint64_t> clock_steps_{0}, starts_{0};
 };

@@ -6,7 +6,7 @@ namespace fathom::onboard {
 
 rt::Heartbeat& WatchedThreads::add(rt::Tier tier, const char* name, const Watch& watch, Body body) {
   const std::size_t watched =
-      watchdog_.add({name, std::max(config_.stuck_after_ns, watch.least_ns), watch.restartable, watch.vital});
+      watchdog_.add({name, std::max(config_.stuck_after_ns, watch.least_ns), watch.restartable});
   rt::Heartbeat& heart = watchdog_.heartbeat(watched);
   workers_.emplace_back(
       rt::threadConfig(config_, tier, name), [&heart, body = std::move(body)] { body(heart); }, watched,

@@ -9,27 +9,27 @@
 #include <utility>
 #include <vector>
 
-#include "realtime/kernel/tiers/realtime_config.hpp"
-#include "realtime/kernel/tiers/rt_thread.hpp"
-#include "realtime/kernel/tiers/watchdog.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
+#include "realtime/kernel/threads/watchdog.hpp"
 
 namespace fathom::onboard {
 
-// The threads of a live run, each with a heartbeat: one that has left is started again, one that hangs is
-// told of. What a body throws ends its thread alone; it is started again, where it is restartable: at once,
-// and at growing intervals where it leaves without a heartbeat. Everything but the bodies runs on one thread.
+// The threads of a live run, each with a heartbeat. A thread that has left is started again, one that hangs
+// is reported. An exception ends its thread alone, which is restarted if restartable: at once, and at growing
+// intervals if it leaves without a heartbeat. Everything but the bodies runs on one thread.
 class WatchedThreads {
  public:
   using Body = std::function<void(rt::Heartbeat&)>;
   struct Watch {
-    bool restartable = true, vital = false;
+    bool restartable = true;
     std::int64_t least_ns = 0;    // that it may be silent for, where the configuration says less
     bool waits_for_disk = false;  // may hang as long as the disk does
   };
 
   explicit WatchedThreads(const rt::RealtimeConfig& config) : config_(config) {}
 
-  // Before start(). Its heartbeat, for whatever the body runs.
+  // Before start(). Returns the heartbeat that the body must beat.
   rt::Heartbeat& add(rt::Tier tier, const char* name, const Watch& watch, Body body);
   // The names of those that the system gave no thread; the watchdog tries them again like one that has left.
   [[nodiscard]] std::vector<std::string> start();
@@ -37,14 +37,14 @@ class WatchedThreads {
   // Some times a second; a line for each thing that happened.
   void look(std::int64_t now_ns, std::vector<std::string>& events);
   void unwatch();
-  // One that has been silent for as long as `patience_ns` says of its limit and whose body has not left; ""
-  // where there is none.
+  // Name of a thread that has been silent for as long as `patience_ns` gives for its limit and whose body has
+  // not left; "" if there is none.
   [[nodiscard]] std::string hanging(const std::function<std::int64_t(std::int64_t)>& patience_ns) const;
-  // Waits for every body to return, as long as `more_time()`, and no longer than it may be silent for unless
-  // it waits for the disk; the names of those that have not.
+  // Waits for every body to return while `more_time()`, at most as long as each may be silent unless it waits
+  // for the disk; names of those that have not returned.
   [[nodiscard]] std::vector<std::string> join(const std::function<bool()>& more_time);
 
-  // Why the body of this name left last, "" where it never did by an exception.
+  // Exception that ended the body of this name last; "" if none ever did.
   [[nodiscard]] std::string reasonOf(std::string_view name) const;
   [[nodiscard]] const rt::Watchdog& watchdog() const { return watchdog_; }
   [[nodiscard]] std::size_t stackBytes() const;

@@ -2,8 +2,8 @@
 
 #include <limits>
 
-#include "realtime/kernel/crc32.hpp"
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 
 namespace fathom::onboard {
 
@@ -12,7 +12,7 @@ KeyframeFeatures::KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_
     : slots_(slots),
       rigs_(rigs),
       entries_(static_cast<std::size_t>(max_keyframes)),
-      block_(closure::slotBytes(closure::DescriptorKind::kRootSift, static_cast<std::size_t>(max_features))) {
+      block_(closure::slotBytes(static_cast<std::size_t>(max_features))) {
   // As many slots as are ever in use, however many there are.
   free_.reserve(static_cast<std::size_t>(max_keyframes) + 1);
   for (Kept& k : newest_) k.features.reserve(static_cast<std::size_t>(max_features));
@@ -49,9 +49,9 @@ std::int32_t KeyframeFeatures::freeSlot() {
     before = middle;
     middle = &e;
   }
-  if (least == nullptr) least = middle;  // one or two slots: the newest gives way
+  if (least == nullptr) least = middle;  // one or two slots: the newest is evicted
   if (least == nullptr) return -1;       // none could be written
-  ++counters_.given_way;
+  ++counters_.evicted;
   const std::int32_t slot = least->slot;
   least->slot = -1;
   return slot;
@@ -125,7 +125,7 @@ const closure::FrameFeatures* KeyframeFeatures::find(int keyframe) {
   return asKnownNow(into);
 }
 
-// Triangulates them anew where the rig is known better than then.
+// Triangulates them again if the rig's calibration has improved since.
 const closure::FrameFeatures* KeyframeFeatures::asKnownNow(Kept& kept) const {
   const int best = rigs_.best(kept.rig);
   if (best == kept.rig) return &kept.features;

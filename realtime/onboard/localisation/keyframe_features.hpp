@@ -5,34 +5,32 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/numbered_pool.hpp"
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
+#include "realtime/kernel/rings/numbered_pool.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/calibration/rig_history.hpp"
-#include "recon/closure/feature_slot.hpp"
+#include "recon/closure/frame_features.hpp"
 
 namespace fathom::onboard {
 
-// The features of the graph's keyframes: the newest in memory, all in slots on disk. A keyframe that retires
-// leaves its slot to another. When slots are fewer than keyframes, the one gives way whose neighbours in time
-// are nearest to each other: there the least ground is lost. Points are given as
-// they lie through the rig as it is known now.
+// The features of the graph's keyframes: the newest in memory, all in slots on disk. A retired keyframe frees
+// its slot. When there are fewer slots than keyframes, the keyframe with the nearest neighbours in time is
+// evicted, which loses the least ground. Points are given in the present calibration of the rig.
 class KeyframeFeatures {
  public:
   static constexpr std::size_t kNewest = 16;  // kept in memory
 
-  // `slots`: absent keeps the newest only. Its blocks hold slotBytes() of `max_features`. `rigs` must outlive
-  // it.
+  // `slots`: null keeps the newest only. Blocks hold slotBytes() of `max_features`. `rigs` must outlive it.
   KeyframeFeatures(SlotStore* slots, int max_keyframes, int max_features,
                    const calibration::RigHistory& rigs);
 
-  // Of the next keyframe, counting from 0; `place`: where it is, for the rule above [m]; `rig`: version that
-  // they were seen through.
+  // Features of the next keyframe, counting from 0; `place`: its position, for the eviction above [m]; `rig`:
+  // version of the rig that measured them.
   void add(const closure::FrameFeatures& features, const Eigen::Vector3d& place, int rig);
   // Forgets those of a keyframe.
   void retire(int keyframe);
 
-  // Null when there are none (given way; a disk that fails, or has other bytes than were written). Valid
+  // Null when there are none (evicted, or the disk failed or returned other bytes than were written). Valid
   // until add() or the second find() after.
   [[nodiscard]] const closure::FrameFeatures* find(int keyframe);
 
@@ -42,12 +40,12 @@ class KeyframeFeatures {
   [[nodiscard]] bool has(int keyframe) const;
 
   struct Counters {
-    std::uint64_t stored = 0, given_way = 0, write_failures = 0, read_failures = 0;
+    std::uint64_t stored = 0, evicted = 0, write_failures = 0, read_failures = 0;
   };
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
-  // Saved state (state_archive.hpp), but for what lies in the slots.
+  // Saved state (state_archive.hpp), without the content of the slots.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
   [[nodiscard]] std::span<const int> keyframes() const { return entries_.numbers(); }
@@ -59,17 +57,14 @@ class KeyframeFeatures {
   struct Entry {
     std::int32_t slot = -1;
     std::uint32_t crc = 0;  // of the slot's content
-    std::int32_t rig = 0;   // version through which its points lie there
+    std::int32_t rig = 0;   // version of the rig of its points there
     Eigen::Vector3f place;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.slot, self.crc, self.rig, self.place);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.slot, self.crc, self.rig, self.place); }
   };
   struct Kept {
     int keyframe = -1;
-    std::int32_t rig = 0;  // version through which its points lie
+    std::int32_t rig = 0;  // version of the rig of its points
     closure::FrameFeatures features;
   };
   [[nodiscard]] std::int32_t freeSlot();

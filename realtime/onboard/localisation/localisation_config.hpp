@@ -3,7 +3,7 @@
 #include <cstddef>
 
 #include "recon/closure/registration.hpp"
-#include "recon/slam/navigation_graph.hpp"
+#include "recon/navigation/graph/navigation_graph.hpp"
 
 namespace fathom::onboard {
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/kernel/seconds.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/calibration/rig_history.hpp"
 #include "recon/geometry/symmetric_eigen.hpp"
 
@@ -21,13 +21,13 @@ constexpr double kAnySigma = 1.0, kAnyAngle = 0.5;  // [m], [rad]
 // Between consecutive keyframes dead reckoning confirms the pose, and a ledge may fill most of the shared
 // view. Against dead reckoning much more is asked for.
 constexpr double kStepCoverage = 0.2, kStepShare = 0.05;
-// By so much shorter or longer ranges [1] at a survey's altitude [m], visual odometry is worth seeking anew.
+// Change of ranges [1] at a survey's altitude [m] from which visual odometry is estimated again.
 constexpr double kWorthRenewing = 0.003, kSurveyRange = 2;
 // So also when the turn that all steps share is known better by this factor, unless it was known well enough,
 // or is another: DvlCalibration::curl() [rad/m].
 constexpr double kKnownBetter = 0.4;
 const Eigen::Array4d kKnownWell = {1e-3, 1e-3, 1e-3, 1e-4}, kWorthTurn = 1.5 * kKnownWell;
-constexpr std::uint64_t kMostTurned = 2000;  // steps, for each is registered anew
+constexpr std::uint64_t kMostTurned = 2000;  // steps: each is registered again
 constexpr int kStrictInliers = 40;
 constexpr double kStrictShare = 0.2, kStrictSignificance = 40;
 constexpr int kLastSteps = 50;      // of the graph, after the survey
@@ -96,8 +96,8 @@ void LocalisationCore::setRig(const StereoRig& rig, const Eigen::Vector2d& growt
     renewLinks();
 }
 
-void LocalisationCore::rigBeganAnew(double turn_sigma, std::int64_t since_ns, bool knocked) {
-  graph_.rigBeganAnew(turn_sigma, since_ns, knocked);
+void LocalisationCore::resetRig(double turn_sigma, std::int64_t since_ns, bool knocked) {
+  graph_.resetRig(turn_sigma, since_ns, knocked);
   const int newest = rigs_.newest();
   extractor_.setRig(rigs_.rig(newest));
   if (newest > 0 && rigs_.best(newest - 1) != newest) renew_from_ = graph_.keyframes();
@@ -137,8 +137,8 @@ void LocalisationCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eige
     ++counters_.fixes_dropped;
 }
 
-bool LocalisationCore::trusted(const LocalisationInput& input) const {
-  return !graph_.dvlDoubted() && input.quality.unlocked_s <= last_unlocked_s_ &&
+bool LocalisationCore::odometryReliable(const LocalisationInput& input) const {
+  return !graph_.dvlContradicted() && input.quality.unlocked_s <= last_unlocked_s_ &&
          input.quality.heading_leaps == last_quality_.heading_leaps;
 }
 
@@ -150,8 +150,8 @@ int LocalisationCore::look(const LocalisationInput& input) {
   // What predictions are off by.
   constexpr KeyframeSelection::Slack kPredicted = {0.012, 0.01};
   const auto room = std::ranges::find(looked_, false, &Looked::waits);
-  if (room == looked_.end() ||
-      !selection_.due(input.utc_ns, input.T_odom_cam, footprintOf(input), trusted(input), kPredicted))
+  if (room == looked_.end() || !selection_.due(input.utc_ns, input.T_odom_cam, footprintOf(input),
+                                               odometryReliable(input), kPredicted))
     return kNoKeyframe;
   room->waits = true;
   room->rig = rigs_.newest();
@@ -165,8 +165,8 @@ int LocalisationCore::look(const LocalisationInput& input) {
 int LocalisationCore::place(const LocalisationInput& input, int looked) {
   ++counters_.frames;
   Looked* kept = looked == kNoKeyframe ? nullptr : &looked_[static_cast<std::size_t>(looked)];
-  const bool taken =
-      kept != nullptr && selection_.take(input.utc_ns, input.T_odom_cam, footprintOf(input), trusted(input));
+  const bool taken = kept != nullptr && selection_.take(input.utc_ns, input.T_odom_cam, footprintOf(input),
+                                                        odometryReliable(input));
   last_unlocked_s_ = input.quality.unlocked_s;
   if (taken) {
     addKeyframe(input, *kept);
@@ -183,13 +183,13 @@ double LocalisationCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_ca
   const int newest = graph_.keyframes() - 1;
   if (newest < 0) return position_sigma_;
   const double elapsed = rt::seconds(utc_ns - graph_.utcNs(newest)),
-               way = (T_odom_cam.translation() - graph_.odometry(newest).translation()).head<2>().norm();
+               distance = (T_odom_cam.translation() - graph_.odometry(newest).translation()).head<2>().norm();
   slam::LossOfTrack loss = loss_;
   const slam::StepQuality step{elapsed, loss.add(quality.unlocked_s - last_quality_.unlocked_s),
                                quality.untilted_s - last_quality_.untilted_s, graph_.dvl().remainingShare(),
                                0};
-  return std::hypot(position_sigma_, slam::stepSigma(way, step, config_.graph.noise),
-                    slam::wanderSigma(way, elapsed, config_.graph.noise));
+  return std::hypot(position_sigma_, slam::stepSigma(distance, step, config_.graph.noise),
+                    slam::wanderSigma(distance, elapsed, config_.graph.noise));
 }
 
 void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked& looked) {
@@ -245,7 +245,7 @@ void LocalisationCore::noteRetired() {
 }
 
 // Visual odometry to the newest keyframe. Dead reckoning is the prior; where that finds nothing, it may be
-// wrong itself (a compass that jumps, a DVL that lies), and the images decide if they are clear enough.
+// wrong itself (a compass that jumps, outliers of the DVL), and the images decide if they are clear enough.
 void LocalisationCore::linkToLast(const slam::KeyframeInput& input) {
   const int b = graph_.keyframes() - 1, a = b - 1;  // the newest do not retire
   const closure::FrameFeatures *before = features_.find(a), *now = features_.find(b);
@@ -348,8 +348,7 @@ LocalisationCore::Counters LocalisationCore::counters() const {
 
 std::size_t LocalisationCore::memoryBytes() const {
   return graph_.memoryBytes() + features_.memoryBytes() + search_.memoryBytes() +
-         kLooked * closure::slotBytes(closure::DescriptorKind::kRootSift,
-                                      static_cast<std::size_t>(config_.features));
+         kLooked * closure::slotBytes(static_cast<std::size_t>(config_.features));
 }
 
 }  // namespace fathom::onboard

@@ -19,14 +19,14 @@ void exchangeFeature(Archive& archive, Feature& f) {
 template <typename Archive, typename Frame>
 void exchangeFrame(Archive& archive, Frame& frame) {
   std::uint64_t count = frame.features.size();
-  archive.enumeration(frame.kind, closure::DescriptorKind::kBrisk);
-  archive(count);
-  archive.require(frame.kind >= closure::DescriptorKind::kRootSift && count <= closure::kMaxSlotFeatures,
+  std::uint8_t kind = closure::kSlotKind;
+  archive(kind, count);
+  archive.require(kind == closure::kSlotKind && count <= closure::kMaxSlotFeatures,
                   "features that cannot be");
   if constexpr (Archive::kLoading) {
     if (!archive.ok()) return;
     frame.features.resize(count);
-    frame.descriptors.resize(count * closure::descriptorBytes(frame.kind));
+    frame.descriptors.resize(count * closure::kDescriptorBytes);
   }
   for (auto& f : frame.features) exchangeFeature(archive, f);
   archive.elements(frame.descriptors.data(), frame.descriptors.size());
@@ -79,7 +79,7 @@ bool KeyframeFeatures::load(rt::StateReader& reader) {
 }
 
 template <typename Archive, typename Self>
-void ClosureSearch::exchange(Archive& archive, Self& self) {
+void OnlineClosureSearch::exchange(Archive& archive, Self& self) {
   std::uint64_t next_moved = self.next_moved_;
   archive(next_moved);
   archive.bounded(self.views_, self.views_.capacity());
@@ -89,7 +89,7 @@ void ClosureSearch::exchange(Archive& archive, Self& self) {
   if constexpr (Archive::kLoading) self.next_moved_ = next_moved;
 }
 
-void ClosureSearch::save(rt::StateWriter& writer) const {
+void OnlineClosureSearch::save(rt::StateWriter& writer) const {
   writer.section(kSearchTag, kSearchVersion, [&] {
     exchange(writer, *this);
     queue_.save(writer);
@@ -97,7 +97,7 @@ void ClosureSearch::save(rt::StateWriter& writer) const {
   writer(places_);
 }
 
-bool ClosureSearch::load(rt::StateReader& reader) {
+bool OnlineClosureSearch::load(rt::StateReader& reader) {
   const auto content = [&] {
     exchange(reader, *this);
     const int keyframes = graph_.keyframes();

@@ -8,9 +8,9 @@
 
 namespace fathom::onboard {
 
-// Pairs of keyframes that were tried, each with where the one was thought to lie from the other, so that a
-// pair is tried again only when that has changed. A hash table of fixed size; when it is full it forgets
-// everything, which costs time but nothing else.
+// Pairs of keyframes that were tried, each with their separation then, so that a pair is tried again only
+// when that has changed. A hash table of fixed size; when it is full it forgets everything, which only costs
+// time.
 class TriedPairs {
  public:
   // `capacity`: pairs, rounded up to a power of two.

@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/closure/given_features.hpp"
-#include "recon/geometry/eight_bit_view.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/closure/feature_extractor.hpp"
+#include "recon/geometry/image_view.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -31,12 +32,9 @@ void measureFootprint(const Mesh& mesh, MapOutput& out) {
 
 // `z`: to work in.
 double medianRange(const stereo::StereoResult& result, std::vector<float>& z) {
-  if (result.points.empty()) return 0;
   z.clear();
   for (const stereo::StereoPoint& p : result.points) z.push_back(p.point.z());
-  const auto middle = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 2);
-  std::nth_element(z.begin(), middle, z.end());
-  return *middle;
+  return median(std::span(z));
 }
 
 }  // namespace
@@ -189,7 +187,7 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
 template <typename Match>
 const stereo::StereoResult& MapCore::throughTheRig(const Match& match) {
   const stereo::StereoResult& result = match();
-  if (!rig_.standAsShown(result.matches)) return result;
+  if (!rig_.correctAtStart(result.matches)) return result;
   useRig(config_.rig);
   return match();
 }
@@ -234,24 +232,24 @@ void MapCore::count(const stereo::StereoResult& result) {
 
 void MapCore::watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
   const StereoRig before = rig_.rig();
-  const std::uint64_t measured = rig_.measurements(), began = rig_.beginnings();
+  const std::uint64_t measured = rig_.measurements(), began = rig_.resets();
   const std::uint64_t knocks = began == 0 ? 0 : rig_.changes();
   bool changed = rig_.add(matches);
   // A knock has spoilt no step from before the measurement that did not show it.
   const std::int64_t since_ns = measured_ns_;
   if (rig_.measurements() != measured) measured_ns_ = utc_ns;
-  if (rig_.beginnings() != began) {
+  if (rig_.resets() != began) {
     if (changed) useRig(before);
     // What was known of the range error was of another rig.
-    if (localisation_) localisation_->rigBeganAnew(rig_.yawSigma(), since_ns, rig_.changes() != knocks);
+    if (localisation_) localisation_->resetRig(rig_.yawSigma(), since_ns, rig_.changes() != knocks);
     return;
   }
-  if (localisation_ && rig_.beginnings() > 0) {
+  if (localisation_ && rig_.resets() > 0) {
     // Half of its standard deviation is still worth taking out: it is common to all that is seen.
     constexpr double kWorth = 0.5, kLeast = 5e-4;
-    const slam::DvlCalibration& ways = localisation_->graph().dvl();
-    const calibration::RangeError error{ways.rangeError().x(), ways.rangeError().y()};
-    const double least = std::max(kWorth * ways.rangeSigma(last_range_), kLeast * rig_.history().worth());
+    const slam::DvlCalibration& dvl = localisation_->graph().dvl();
+    const calibration::RangeError error{dvl.rangeError().x(), dvl.rangeError().y()};
+    const double least = std::max(kWorth * dvl.rangeSigma(last_range_), kLeast * rig_.history().worth());
     if (std::abs(error.at(last_range_)) > least) {
       rig_.correctRange(error);
       changed = true;

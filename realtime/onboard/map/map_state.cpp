@@ -8,7 +8,7 @@ namespace fathom::onboard {
 namespace {
 
 constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 4;
-// No mesh is so large [m]; who hears of a mesh that moved looks at every square of its box.
+// No mesh is so large [m]; every square of a moved mesh's box is visited.
 constexpr float kLargestBox = 1000;
 
 bool isBox(const MovingMap::Box& box) {

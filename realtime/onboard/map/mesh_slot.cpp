@@ -8,7 +8,7 @@
 namespace fathom::onboard {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "slots are written as they lie in memory");
+static_assert(std::endian::native == std::endian::little, "slots are copies of memory");
 
 constexpr std::uint32_t kMagic = 0x314D4C46;  // "FLM1"
 struct Header {
@@ -21,7 +21,7 @@ using Triangle = std::array<std::uint16_t, 3>;
 constexpr std::size_t kVertexBytes = sizeof(Corner) + sizeof(Rgb);
 static_assert(sizeof(Header) == 12 && sizeof(Triangle) == 6 && sizeof(Rgb) == 3);
 
-std::size_t bytesOf(std::size_t vertices, std::size_t triangles) {
+std::size_t slotBytesFor(std::size_t vertices, std::size_t triangles) {
   return sizeof(Header) + vertices * kVertexBytes + triangles * sizeof(Triangle);
 }
 
@@ -40,11 +40,11 @@ const std::uint8_t* take(const std::uint8_t* from, T& value) {
 }  // namespace
 
 std::size_t meshSlotBytes(std::size_t max_points) {
-  return bytesOf(max_points, 2 * max_points);
+  return slotBytesFor(max_points, 2 * max_points);
 }
 
 std::size_t writeMeshSlot(const Mesh& mesh, std::span<std::uint8_t> slot) {
-  const std::size_t vertices = mesh.vertices.size(), bytes = bytesOf(vertices, mesh.triangles.size());
+  const std::size_t vertices = mesh.vertices.size(), bytes = slotBytesFor(vertices, mesh.triangles.size());
   if (vertices > std::numeric_limits<std::uint16_t>::max() || bytes > slot.size() ||
       mesh.sigma.size() != vertices || mesh.colours.size() != vertices)
     return 0;
@@ -73,7 +73,7 @@ bool readMeshSlot(std::span<const std::uint8_t> slot, Mesh& mesh) {
   Header header;
   if (slot.size() < sizeof(Header)) return false;
   const std::uint8_t* from = take(slot.data(), header);
-  if (header.magic != kMagic || bytesOf(header.vertices, header.triangles) > slot.size()) return false;
+  if (header.magic != kMagic || slotBytesFor(header.vertices, header.triangles) > slot.size()) return false;
   for (std::size_t i = 0; i < header.vertices; ++i) {
     Corner c;
     from = take(from, c);

@@ -5,8 +5,8 @@
 #include <cstring>
 #include <limits>
 
+#include "realtime/base/numbers/hash64.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
-#include "recon/geometry/hash64.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -53,7 +53,7 @@ void reserve(Mesh& mesh, std::size_t points) {
   mesh.triangles.reserve(2 * points);
 }
 
-std::size_t bytesOf(const Mesh& mesh) {
+std::size_t memoryOf(const Mesh& mesh) {
   return mesh.vertices.capacity() * sizeof(mesh.vertices[0]) + mesh.sigma.capacity() * sizeof(float) +
          mesh.colours.capacity() * sizeof(Rgb) + mesh.triangles.capacity() * sizeof(mesh.triangles[0]);
 }
@@ -76,7 +76,7 @@ MovingMap::MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, st
 std::size_t MovingMap::memoryBytes() const {
   return sizeof(*this) - sizeof(map_) + map_.counters().memory_bytes + entries_.capacity() * sizeof(Entry) +
          (keyframe_.capacity() + fused_.capacity()) * sizeof(int) + urgency_.capacity() + block_.capacity() +
-         bytesOf(mesh_) + bytesOf(moved_);
+         memoryOf(mesh_) + memoryOf(moved_);
 }
 
 MovingMap::Added MovingMap::add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam) {
@@ -117,7 +117,7 @@ void MovingMap::correct(std::size_t slot, const SE3& guessed, int keyframe, cons
   if (entries_[slot].stored) compare(slot, pose_of);
 }
 
-// A slot that is free, or that of the mesh that has lain still for longest, of one that need not move if
+// A slot that is free, or that of the mesh that has not moved for longest, of one that need not move if
 // there is any.
 std::size_t MovingMap::slotFor() {
   if (entries_.size() < entries_.capacity()) {
@@ -170,7 +170,7 @@ void MovingMap::compare(std::size_t k, const PoseOf& pose_of) {
   const SE3 now = pose_of(keyframe_[k], e.T_odom_cam);
   const auto middle = [&](int rig) {
     const Eigen::Vector3d seen = e.middle.cast<double>();
-    return rig == e.rig ? seen : calibration::seenThrough(rigs_.rig(e.rig), rigs_.rig(rig), seen);
+    return rig == e.rig ? seen : calibration::retriangulated(rigs_.rig(e.rig), rigs_.rig(rig), seen);
   };
   const double turned = now.rotation().angularDistance(e.shown.rotation());
   const double moved = (now * middle(rigs_.best(e.rig)) - e.shown * middle(e.shown_rig)).norm() +
@@ -197,7 +197,7 @@ bool MovingMap::slotsHold() {
 }
 
 void MovingMap::through(int from, int to, Mesh& mesh) const {
-  if (from != to) calibration::seeThrough(rigs_.rig(from), rigs_.rig(to), mesh);
+  if (from != to) calibration::retriangulate(rigs_.rig(from), rigs_.rig(to), mesh);
 }
 
 bool MovingMap::move(std::size_t k, const SE3& T_nav_cam, const OnMoved& on_moved) {

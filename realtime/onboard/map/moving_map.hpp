@@ -5,25 +5,25 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/calibration/rig_history.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/geometry/se3.hpp"
-#include "recon/slam/navigation_graph.hpp"
+#include "recon/navigation/graph/navigation_graph.hpp"
 
 namespace fathom::onboard {
 
-// A map whose meshes hang on keyframes that move. Every local mesh is kept in a slot, in its camera's frame;
-// when the slots are full, the mesh that has lain still for longest is baked in: it stays where it is, and
-// its slot is a new one's. When keyframes have moved, the meshes that moved most are taken out of the map at
-// the pose they went in with, and put back at their new one, a few a frame; of equal moves the newest first.
-// A mesh that was seen through a rig which is known better now is triangulated anew when it is put back.
-// Each mesh is in the map once at all times. Moves below a threshold wait until they have grown; after
-// finish() every mesh is at its final pose, and the map is, bit by bit, the one fused afresh from the final
+// Map of meshes that are anchored to keyframes and follow their corrections. Every local mesh is kept in a
+// slot, in its camera's frame; when the slots are full, the mesh that has not moved for longest is fixed in
+// the map for good and its slot reused. When keyframes have moved, the meshes that moved most are removed
+// from the map at their old pose and added at the new one, a few per frame, the newest first among equal
+// moves. A mesh measured through an outdated rig calibration is triangulated again at that occasion. Each
+// mesh is in the map exactly once at all times. Moves below a threshold accumulate until they exceed it;
+// after finish() every mesh is at its final pose, and the map is, bit by bit, the one fused from the final
 // poses (unless the map's pool was full and coarsened: then its sums are those of the final poses in the
-// squares that are left). A mesh whose slot cannot be read, or does not give what was written, stays where it
-// is and is counted.
+// remaining squares). A mesh with a slot that cannot be read, or has other content than written, stays where
+// it is and is counted.
 class MovingMap {
  public:
   // Pose of a mesh's camera now.
@@ -39,25 +39,25 @@ class MovingMap {
   MovingMap(const fusion::QuadtreeConfig& config, SlotStore* meshes, std::size_t max_points,
             const calibration::RigHistory& rigs);
 
-  // Fuses a mesh (camera frame) at T_nav_cam; transforms it into nav.
+  // Fuses a mesh (camera frame) at T_nav_cam; transforms `mesh` into nav.
   struct Added {
     std::size_t cells = 0;  // observed
     std::size_t slot = 0;
   };
   Added add(Mesh& mesh, int keyframe, const SE3& T_odom_cam, const SE3& T_nav_cam);
-  // A mesh that was added to a slot, where its camera was only guessed, was taken elsewhere and hangs on
-  // another keyframe: it moves with those whose keyframes have moved, if it has not been baked in.
+  // Final pose and keyframe of a mesh that was added at a predicted pose: it is moved like those with moved
+  // keyframes, unless it was fixed for good.
   void correct(std::size_t slot, const SE3& guessed, int keyframe, const SE3& T_odom_cam,
                const PoseOf& pose_of);
 
-  // What hangs on a keyframe that has retired hangs on another, where it is.
+  // Anchors the meshes of a retired keyframe to its successor, where they are.
   void rehang(const slam::NavigationGraph::Retired& gone);
-  // Some keyframe has moved, or the rig is known better: rebuild() looks at all meshes again. False for a map
-  // that never moves.
+  // A keyframe has moved, or the rig calibration has improved: rebuild() checks all meshes again. False for a
+  // map that never moves.
   bool noteMoved();
-  // Moves at most so many meshes; also the most that are read from the slots.
+  // Moves at most `meshes` meshes, which also bounds the slots read.
   void rebuild(int meshes, const PoseOf& pose_of, const OnMoved& on_moved);
-  // Moves all that are not where they belong, however little.
+  // Moves all meshes to their final poses, however small the move.
   void finish(const PoseOf& pose_of, const OnMoved& on_moved);
 
   [[nodiscard]] bool moves() const { return meshes_ != nullptr; }
@@ -70,7 +70,7 @@ class MovingMap {
     std::uint64_t meshes = 0, meshes_fused_again = 0;
     std::uint64_t rebuilds = 0;         // times that all waiting meshes were worked off
     std::uint64_t meshes_lost = 0;      // without a slot that can be read: they stay where they are
-    std::uint64_t meshes_baked_in = 0;  // for want of slots
+    std::uint64_t meshes_baked_in = 0;  // fixed for good, for lack of slots
     std::size_t waiting = 0;            // known to have moved
     bool given_up = false;              // so many are lost that the map no longer follows the poses well
   };
@@ -93,15 +93,14 @@ class MovingMap {
     SE3 shown;                   // T_nav_cam in the map
     Eigen::Vector3f middle;      // of the mesh, in the camera's frame
     float radius = 0;            // [m]
-    int rig = 0, shown_rig = 0;  // versions through which its points lie in the slot, and in the map
+    int rig = 0, shown_rig = 0;  // versions of the rig of its points in the slot, and in the map
     Box box;
     std::uint64_t hash = 0;  // of the slot's content
     std::uint32_t bytes = 0;
     bool stored = false;
     bool fused = false;  // the map had room for it
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.T_odom_cam, self.shown, self.middle, self.radius, self.rig, self.shown_rig, self.box.low,
               self.box.high, self.hash, self.bytes, self.stored, self.fused);
     }

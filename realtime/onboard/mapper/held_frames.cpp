@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 
 namespace fathom::onboard {
 namespace {

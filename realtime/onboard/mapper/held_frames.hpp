@@ -7,14 +7,14 @@
 #include <optional>
 #include <string>
 
-#include "realtime/kernel/shared_memory.hpp"
+#include "realtime/kernel/memory/shared_memory.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 
 namespace fathom::onboard {
 
-// The mapper's frames: those whose stamps wait in the log, or whose pair has not been mapped. Bounded: a
-// frame that finds no partner is given back when newer ones need its place. The vehicle lends them and keeps
-// their pixels until they are given back (FrameLender), whatever the mapper does.
+// Frames that the mapper holds: those with stamps still waiting in the log, or a pair not yet mapped.
+// Bounded: the oldest frame without partner is given back when a newer one needs its place. The vehicle lends
+// the frames and keeps their pixels until they are given back (FrameLender), whatever the mapper does.
 class HeldFrames {
  public:
   // Both cameras' pools, mapped. `most`: frames held of a camera.
@@ -23,17 +23,17 @@ class HeldFrames {
   HeldFrames(const HeldFrames&) = delete;
   HeldFrames& operator=(const HeldFrames&) = delete;
 
-  // Whether the frame of an exposure is held, by its file's name, whatever its pixels are.
+  // Whether the frame of an exposure is held, by its file's name, with usable pixels or not.
   [[nodiscard]] bool has(const std::string& file_name, CameraSide side);
-  // The pixels of an exposure by its file's name; std::nullopt when they are gone, or none that the camera
-  // can give.
+  // The pixels of an exposure by its file's name; std::nullopt when they are gone or not of the camera's
+  // format.
   [[nodiscard]] std::optional<ImageView> find(const std::string& file_name, CameraSide side);
-  // When the later image of a pair was here (vehicle time).
+  // Arrival of the later image of a pair (vehicle time).
   [[nodiscard]] std::optional<std::int64_t> arrivalOf(const std::string& left_image,
                                                       const std::string& right_image);
-  // A pair was mapped or dropped: its frames and all older ones of each camera are given back.
+  // A pair was mapped or dropped: gives back its frames and all older ones of each camera.
   void release(const std::string& left_image, const std::string& right_image);
-  // Takes in what the cameras gave; frames beyond `most` go, the oldest first.
+  // Takes in the cameras' new frames; gives back the oldest beyond `most`.
   void refill();
 
   [[nodiscard]] std::uint64_t givenBackUnused() const { return unused_; }

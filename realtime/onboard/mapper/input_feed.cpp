@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -7,32 +7,32 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/log/log_inputs.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 
 namespace fathom::onboard {
 
-// The log's inputs by position, one after the other: fresh ones from the ring in shared memory, what the ring
-// has overrun from the file. What neither has is skipped, after a while in which the recorder may still write
-// it, and counted.
+// The log's inputs in order of position: new ones from the ring in shared memory, those that the ring has
+// overwritten from the file. Inputs that neither has are skipped and counted, after a time in which the
+// recorder may still write them.
 class InputFeed {
  public:
-  // `patience_ns`: that the recorder may take until the file has what memory no longer has.
+  // `patience_ns`: time for the recorder to write inputs that the ring has overwritten.
   static constexpr std::int64_t kPatience_ns = 30'000'000'000;
   InputFeed(std::filesystem::path mission, const MapperDown& down, std::int64_t patience_ns = kPatience_ns);
 
-  // Begins behind the mark of checkpoint `number`, whose position is `position`; 0, 0: at the log's
-  // beginning. False where the file does not hold the mark.
+  // Begins after the mark of checkpoint `number`, at `position`; 0, 0: at the log's beginning. False if the
+  // file does not hold the mark.
   [[nodiscard]] bool begin(std::uint64_t number, std::uint64_t position);
 
   // The next input; false when there is none yet.
   [[nodiscard]] bool next(io::OnboardInput& input);
   // Of the input that next() gives.
   [[nodiscard]] std::uint64_t position() const { return position_; }
-  // What the file says was decided about a pair, read so far or behind that.
+  // Logged decision about a pair, in the part read so far or after it.
   [[nodiscard]] std::optional<io::Decision> decisionOf(std::uint32_t pair) const;
   [[nodiscard]] std::uint64_t skipped() const { return skipped_; }
-  // Of them, those that the log may have by now: the recorder was too slow for this feed's patience.
+  // Part of skipped() that the log may have by now: the recorder took longer than the patience.
   [[nodiscard]] std::uint64_t passedOver() const { return passed_over_; }
 
  private:

@@ -5,14 +5,14 @@
 #include <cstdint>
 #include <optional>
 
-#include "firmware_if/camera/camera_source.hpp"
-#include "firmware_if/log/onboard_input.hpp"
-#include "realtime/kernel/broadcast_ring.hpp"
-#include "realtime/kernel/health/timeline.hpp"
-#include "realtime/kernel/shared_memory.hpp"
-#include "realtime/kernel/spsc_ring.hpp"
-#include "realtime/kernel/tiers/overload_rule.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/kernel/health/stage_times.hpp"
+#include "realtime/kernel/memory/shared_memory.hpp"
+#include "realtime/kernel/rings/broadcast_ring.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
+#include "realtime/kernel/threads/overload_rule.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "realtime/onboard/modem/modem_ring.hpp"
 #include "recon/geometry/se3.hpp"
@@ -20,13 +20,13 @@
 
 namespace fathom::onboard {
 
-// What the vehicle process and its mapper process share. Two pieces of memory: `MapperDown`, which the
-// vehicle writes and the mapper can only read, so that no mapper damages navigation; `MapperUp`, which the
-// mapper writes and the vehicle takes for bytes from outside. Camera pools are further pieces, also only to
-// be read. Every part outlives the mapper: the next one goes on with it.
+// Memory shared by the vehicle process and its mapper process, in two pieces: `MapperDown`, which the vehicle
+// writes and the mapper can only read, so that no mapper damages navigation; `MapperUp`, which the mapper
+// writes and the vehicle treats as untrusted bytes. Camera pools are further read-only pieces. All of it
+// outlives the mapper: the next one continues with it.
 
 // Inputs and frames by position; positions of inputs count from the beginning of the log (see
-// firmware_if/log), those of frames from the start of the vehicle process.
+// firmware_if/mission/log), those of frames from the start of the vehicle process.
 using InputBroadcast = rt::BroadcastRing<io::OnboardInput, 8192>;  // minutes: what is older is in the log
 
 // An exposure in a camera's pool, with what makes an ImageView of it in any process.
@@ -49,13 +49,12 @@ struct MapperDown {
   std::array<PoolPlace, 2> pools;                // left, right
   InputBroadcast inputs;
   std::array<FrameBroadcast, 2> frames;
-  // What the disk holds whatever happens: inputs before this position, and so many of the decisions taken
-  // from MapperUp.
+  // Safe on the disk: inputs before this position, and so many of the decisions from MapperUp.
   std::atomic<std::uint64_t> safe_position{0}, decisions_safe{0};
-  // The next mapper must not load these checkpoints: the program died of them. Numbers; 0: none.
+  // Numbers of checkpoints that the next mapper must not load, because the program died of them; 0: none.
   std::array<std::atomic<std::uint64_t>, 2> avoid{};
-  // It begins at the present, without what was mapped before: all else failed.
-  std::atomic<bool> anew{false};
+  // The next mapper begins at the present with an empty map: all other starts failed.
+  std::atomic<bool> from_empty{false};
   // The first mapper of a dive that begins: no mark of a restart will come.
   std::atomic<bool> fresh{true};
   std::uint64_t most_held = 2;  // frames of a camera that a mapper may hold
@@ -73,7 +72,7 @@ enum class MapperPhase : std::uint32_t {
 };
 inline constexpr std::uint32_t kMapperPhases = 8;
 
-// What the map shows of itself.
+// State of the map for reports.
 struct MapState {
   std::int64_t utc_ns = 0;  // of the newest input consumed; 0: nothing yet
   SE3 T_nav_odom;
@@ -86,16 +85,16 @@ struct MapState {
   std::uint64_t link_frames = 0, link_bytes = 0, link_blocks_waiting = 0, link_frames_arrived = 0;
   rt::DegradationLevel level = rt::DegradationLevel::kFull;
   std::int64_t lag_ns = 0, highest_lag_ns = 0;  // behind the hard tier
-  std::uint64_t frames_given_back = 0;          // that found no partner, or no time
-  std::uint64_t inputs_skipped = 0;             // that neither memory nor disk had
-  std::uint64_t inputs_passed_over = 0;         // of them, those that the log may have by now
-  std::uint64_t rows_lost = 0;                  // of the output, for the disk's sake
+  std::uint64_t frames_given_back = 0;          // without partner, or too late
+  std::uint64_t inputs_skipped = 0;             // in neither memory nor disk
+  std::uint64_t inputs_passed_over = 0;         // part of these that the log may have by now
+  std::uint64_t rows_lost = 0;                  // of the output, refused by the disk
   MapState() noexcept = default;
   MapState(const MapState&) noexcept = default;
   MapState& operator=(const MapState&) noexcept = default;
 };
 
-// What the mapper measures of itself.
+// Measurements of the mapper for reports.
 struct MapperFigures {
   static constexpr std::size_t kStages = 16;
   struct Stage {
@@ -114,12 +113,12 @@ struct MapperFigures {
 };
 
 // A decision about a pair, as it goes to the log.
-struct MadeDecision {
+struct PairDecision {
   std::int64_t utc_ns = 0;
   io::Decision decision;
 };
 
-// Decisions by pair, kept over a mapper's death: the next one does the same again.
+// Decisions by pair, kept over a mapper's death, for the next one to repeat.
 class DecisionTable {
  public:
   void set(const io::Decision& d) noexcept {
@@ -139,16 +138,16 @@ class DecisionTable {
 };
 
 struct MapperUp {
-  // By the mapper; by the vehicle while there is none.
+  // Called by the mapper; by the vehicle while there is none.
   void enter(MapperPhase now) noexcept { phase.store(static_cast<std::uint32_t>(now)); }
   [[nodiscard]] MapperPhase current() const noexcept {
     const std::uint32_t now = phase.load();
     return now < kMapperPhases ? static_cast<MapperPhase>(now) : MapperPhase::kRefused;
   }
-  // What the mapper last showed of the map. False, and `state` untouched, where it has shown nothing, or what
-  // no map shows.
+  // The mapper's last report of the map. False, and `shown` untouched, if there is none or its values are
+  // impossible.
   [[nodiscard]] bool readMap(MapState& shown) const noexcept;
-  // On its way to the log, and what every mapper after this one does again.
+  // Passes a decision to the log and to every mapper after this one.
   void decide(std::int64_t utc_ns, const io::Decision& decision) noexcept {
     decided.set(decision);
     if (decisions.push({utc_ns, decision})) decisions_made.fetch_add(1, std::memory_order_release);
@@ -161,8 +160,8 @@ struct MapperUp {
   std::atomic<std::uint64_t> begun_with{0};    // checkpoint + 1, or 1: the log's beginning; 0: not known yet
   std::atomic<std::uint64_t> working_pair{0};  // that it is mapping, + 1; 0: none
   std::array<std::atomic<std::uint64_t>, 2> frame_floor{};  // frames before these are no longer needed
-  std::atomic<std::uint64_t> decisions_made{0};             // given to `decisions`, by any mapper
-  rt::SpscRing<MadeDecision, 1024> decisions;
+  std::atomic<std::uint64_t> decisions_made{0};             // pushed to `decisions`, by any mapper
+  rt::SpscRing<PairDecision, 1024> decisions;
   ModemRing modem;
   DecisionTable decided;
   rt::SharedRecord<MapState> state;
@@ -170,7 +169,7 @@ struct MapperUp {
   rt::BroadcastRing<rt::TimelineEvent, 4096> timeline;
 };
 
-// Both pieces, by whoever makes them (the vehicle) or is given them (the mapper).
+// Both pieces, made by the vehicle or opened by the mapper.
 class MapperChannel {
  public:
   // The vehicle's. Throws std::system_error.

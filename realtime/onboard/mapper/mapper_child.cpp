@@ -11,6 +11,7 @@
 #include <string_view>
 #include <utility>
 
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 
 extern char** environ;
@@ -86,7 +87,7 @@ std::int64_t MapperChild::cpuNs() const {
   timespec worked{};
   if (!running() || ::clock_getcpuclockid(pid_, &clock) != 0 || ::clock_gettime(clock, &worked) != 0)
     return 0;
-  return worked.tv_sec * std::int64_t{1'000'000'000} + worked.tv_nsec;
+  return worked.tv_sec * kSecond_ns + worked.tv_nsec;
 }
 
 void MapperChild::kill() {

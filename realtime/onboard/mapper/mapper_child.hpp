@@ -10,8 +10,8 @@
 
 namespace fathom::onboard {
 
-// The mapper as a process: started without a copy of this one's pages (posix_spawn), found dead, killed. By
-// one thread.
+// The mapper process: starts it without a copy of this process' pages (posix_spawn), detects its end, kills
+// it. Used by one thread.
 class MapperChild {
  public:
   struct Start {
@@ -30,11 +30,11 @@ class MapperChild {
   [[nodiscard]] std::string start();
   [[nodiscard]] bool running() const { return pid_ > 0; }
   [[nodiscard]] pid_t pid() const { return pid_; }
-  // That all its threads have worked so far; 0 where it does not run.
+  // Processor time of all its threads so far; 0 if it does not run.
   [[nodiscard]] std::int64_t cpuNs() const;
   // How it ended, once: "exit status 1", "signal 11 (Segmentation fault)". Does not wait.
   [[nodiscard]] std::optional<std::string> ended();
-  // With SIGKILL; ended() tells of it afterwards.
+  // With SIGKILL; ended() reports it afterwards.
   void kill();
 
  private:

@@ -64,8 +64,8 @@ MapperKeeper::Orders MapperKeeper::step(const Seen& seen) {
   }
   if (seen.now_ns < next_start_ns_) return orders;
   orders.start = true;
-  orders.anew = futile_ >= config_.futile_starts;
-  if (orders.anew) futile_ = 0;
+  orders.from_empty = futile_ >= config_.futile_starts;
+  if (orders.from_empty) futile_ = 0;
   ++starts_;
   // One that does not come to be has died at once.
   was_running_ = true;

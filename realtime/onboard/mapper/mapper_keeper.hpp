@@ -8,15 +8,15 @@
 
 namespace fathom::onboard {
 
-// What to do about the mapper process: when to kill it, when to start it again, and with what. A plain state
-// machine; whoever calls it has the process.
+// Decides about the mapper process: when to kill it, when and how to start it again. A plain state machine;
+// the caller has the process.
 //
-// It is killed when it gets no further: no beat for `stuck_after` while it follows the log, for
-// `start_within` while it makes its pools and loads, and neither beat nor work of its processors for so long
-// while it finishes. It is started again at once when it had got further than
-// any before it, else after a wait that doubles up to `longest_wait`. What it died of is kept away from the
-// next: a state that it was loading is passed over, a pair that two in a row were mapping is dropped. After
-// `futile_starts` that got no further it begins anew: at the present, with an empty map.
+// It is killed when it makes no progress: no beat for `stuck_after` while it follows the log, for
+// `start_within` while it makes its pools and loads, and neither beat nor processor time for as long while it
+// finishes. It is started again at once if it had progressed further than any mapper before it, else after a
+// wait that doubles up to `longest_wait`. The cause of its death is kept from the next: a state that it was
+// loading is avoided, a pair that two in a row were mapping is dropped. After `futile_starts` without
+// progress it begins at the present with an empty map.
 class MapperKeeper {
  public:
   struct Config {
@@ -25,7 +25,7 @@ class MapperKeeper {
     std::int64_t first_wait_ns = 100'000'000, longest_wait_ns = 30'000'000'000;
     int futile_starts = 6;
   };
-  // Of the process and of what it last said.
+  // Observation of the process and of its last figures.
   struct Seen {
     std::int64_t now_ns = 0;  // monotonic
     bool running = false;
@@ -37,8 +37,8 @@ class MapperKeeper {
   };
   struct Orders {
     bool kill = false, start = false;
-    bool lost = false;  // it ended, and not because all was done
-    bool anew = false;  // of a start
+    bool lost = false;        // it ended, and not because all was done
+    bool from_empty = false;  // of a start
     std::optional<std::uint64_t> avoid;
     std::optional<std::uint32_t> drop_pair;
     std::string why;  // of a kill
@@ -46,14 +46,12 @@ class MapperKeeper {
 
   explicit MapperKeeper(const Config& config) : config_(config) {}
 
-  // Some times a second. After orders to start, the caller starts it before the next call; one that then does
-  // not run has died.
+  // Call some times a second. After orders to start, the caller starts it before the next call; if it does
+  // not run then, it has died.
   [[nodiscard]] Orders step(const Seen& seen);
-  // All was done: the map is written, or there is none.
+  // The map is written, or there is none.
   [[nodiscard]] bool done() const { return done_; }
   [[nodiscard]] std::uint64_t starts() const { return starts_; }
-  // In a row, that got no further.
-  [[nodiscard]] int futile() const { return futile_; }
 
  private:
   void learnFrom(const Seen& seen, Orders& orders);

@@ -9,15 +9,15 @@
 #include <exception>
 #include <string>
 
+#include "realtime/base/input_error.hpp"
 #include "realtime/kernel/fault_point.hpp"
-#include "realtime/kernel/input_error.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/tiers/arming.hpp"
-#include "realtime/kernel/tiers/realtime_config.hpp"
+#include "realtime/kernel/threads/arming.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_names.hpp"
 #include "realtime/onboard/mapper/mapper_run.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "recon/geometry/colour.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -45,7 +45,7 @@ MapperRun::Setup readSetup(const MapperOptions& options, const MapperDown& down)
   const CheckpointNames names = checkpointNames(options.folder, setup.config, setup.mission);
   if (names.configuration != down.configuration || names.mission != down.mission)
     throw InputError(options.folder, "mission.toml, stereo.calib or the configuration",
-                     "was changed during the dive; put it back as it was, and the map goes on");
+                     "was changed during the dive; put it back as it was, and the map continues");
   return setup;
 }
 
@@ -66,7 +66,7 @@ int map(const MapperOptions& options, MapperChannel& channel) {
   MapperRun run(readSetup(options, down), channel, clock);
   if (options.print_budget) {
     std::fprintf(stderr, "mapper process\n%s", run.budget().table(false).c_str());
-    run.tellMemory();
+    run.reportMemory();
     return kExitSuccess;
   }
   const LiveConfig& live = run.config().live;

@@ -5,11 +5,11 @@
 
 namespace fathom::onboard {
 
-// The mapper process: child of the vehicle process, which starts it with the files of mapper_channel.hpp
-// open, and kills it when it gets no further. It reads the same mission, calibration and configuration, loads
-// the newest saved state that loads (else the older one, else it begins at the log's beginning), follows the
-// log to its end mark, and writes onboard/. It dies with its parent. Exit statuses: those of a tool; whatever
-// ends it, the vehicle goes on.
+// The mapper process, a child of the vehicle process, which starts it with the files of mapper_channel.hpp
+// open and kills it when it makes no progress. It reads the same mission, calibration and configuration,
+// loads the newest saved state that loads (else the older one, else it begins at the log's beginning),
+// follows the log to its end mark, and writes onboard/. It dies with its parent; the vehicle survives it.
+// Exit statuses are those of a tool.
 struct MapperOptions {
   std::filesystem::path folder;
   std::optional<std::filesystem::path> config;

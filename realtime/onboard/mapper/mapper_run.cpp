@@ -4,20 +4,19 @@
 #include <cstdio>
 #include <fstream>
 
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/seconds.hpp"
-#include "realtime/kernel/state_archive.hpp"
-#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_names.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kRestNs = 2'000'000;  // of a mapper that found nothing to do
-constexpr std::size_t kInputsAtOnce = 64;    // between two looks at what else is to be done
+constexpr std::size_t kInputsAtOnce = 64;  // between two looks at what else is to be done
 constexpr std::size_t kLeastHeld = 2;
 constexpr std::int64_t kDiskLookNs = 5'000'000'000;  // between two tries of a disk that refused rows
 
@@ -87,7 +86,7 @@ MapperRun::MapperRun(Setup setup, MapperChannel& channel, rt::Clock& clock)
       begun_ns_(clock.monotonicNs()) {
   const MapperDown& down = std::as_const(channel_).down();
   std::vector<std::string> said;
-  if (!down.anew.load()) heads_ = files_.usable(down.configuration, down.mission, said);
+  if (!down.from_empty.load()) heads_ = files_.usable(down.configuration, down.mission, said);
   for (const std::string& line : said) say(line);
   make(!heads_.empty());
   std::vector<std::filesystem::path> needs = output_->files();
@@ -126,8 +125,7 @@ void MapperRun::make(bool reopen) {
   slots_refused_ = false;
   if (c.localisation.enabled) {
     features_ = slots("features.slots", reopen, c.localisation.max_keyframes,
-                      closure::slotBytes(closure::DescriptorKind::kRootSift,
-                                         static_cast<std::size_t>(c.localisation.features)));
+                      closure::slotBytes(static_cast<std::size_t>(c.localisation.features)));
     meshes_ = slots("meshes.slots", reopen, c.max_pairs,
                     meshSlotBytes(static_cast<std::size_t>(c.stereo.max_features)));
   }
@@ -154,12 +152,12 @@ void MapperRun::planMemory() {
     const CheckpointWriter::Counters c = checkpoints_->counters();
     return rt::PoolUse{static_cast<std::size_t>(c.bytes), static_cast<std::size_t>(c.bytes), c.too_large};
   });
-  // What is not above and lives as long as the program: images under way in stereo, lighting and features,
+  // Further memory that lives as long as the program: images in stereo, lighting and features,
   // rows. Memory that is free again is part of the heap's reserve.
   const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
   const std::size_t planned = budget_.plannedBytes() + heap_free;
   const std::size_t mapped = rt::mappedPrivateBytes();
-  if (mapped > planned) budget_.addFixed("images under way", mapped - planned);
+  if (mapped > planned) budget_.addFixed("images in work", mapped - planned);
   // To come.
   budget_.addFixed("stacks", 2 * setup_.config.live.realtime.stack_bytes);
   budget_.addFixed("heap of libraries", setup_.config.live.memory.heap_bytes);
@@ -172,10 +170,10 @@ void MapperRun::measure(const rt::HeapReserve& heap) {
   rt::ProcessFigures process;
   if (process_.read(process)) faults_at_arming_ = process.minor_faults;
   resident_at_arming_ = rt::exactResidentBytes();
-  tellMemory();
+  reportMemory();
 }
 
-void MapperRun::tellMemory() {
+void MapperRun::reportMemory() {
   MapperFigures figures;
   addMemory(figures);
   channel_.up().figures.write(figures);
@@ -238,8 +236,8 @@ void MapperRun::begin() {
       make(false);
     }
     (void)feed_.begin(0, 0);
-    number = down.anew.load() ? io::Mark::kAnew : 0;
-    run_->system().setMapping(!down.anew.load());
+    number = down.from_empty.load() ? io::Mark::kEmptyMap : 0;
+    run_->system().setMapping(!down.from_empty.load());
   }
   tier_ = std::make_unique<MapperTier>(
       *run_,
@@ -265,21 +263,22 @@ void MapperRun::begin() {
 void MapperRun::follow() {
   std::int64_t next_look = 0;
   while (!tier_->ended()) {
-    if (tier_->work(kInputsAtOnce) == 0) rt::restFor(kRestNs);
+    if (tier_->work(kInputsAtOnce) == 0) rt::restFor(rt::kPollRest_ns);
     if (!lossy() || clock_.monotonicNs() < next_look) continue;
     next_look = clock_.monotonicNs() + kDiskLookNs;
     if (slots_refused_ && takesFiles(slot_paths_.front().parent_path()))
-      throw std::runtime_error("the disk had refused meshes or features and takes them again; made anew");
-    // The map goes on without rows as long as the disk refuses; they are made again from an earlier state.
+      throw std::runtime_error(
+          "the disk had refused meshes or features and takes them again; the map is rebuilt");
+    // The map continues without rows as long as the disk refuses; they are made again from an earlier state.
     if (output_->lost() && output_->diskTakesData())
       throw std::runtime_error("the disk had refused rows of the output and takes them again (" +
-                               output_->failure() + "); they are made anew");
+                               output_->failure() + "); they are made again");
   }
 }
 
 bool MapperRun::finish() {
   if (slots_refused_ && takesFiles(slot_paths_.front().parent_path()))
-    throw std::runtime_error("the disk had refused meshes or features; they are made anew before the end");
+    throw std::runtime_error("the disk had refused meshes or features; they are made again before the end");
   channel_.up().enter(MapperPhase::kFinishing);
   run_->finish(0);
   tier_->publish();

@@ -19,8 +19,7 @@
 
 namespace fathom::onboard {
 
-// What maps in the mapper process: output, slots, the run with its cores, and the saved states that it begins
-// with and makes.
+// Everything of the mapper process that maps: output, slots, the run with its cores, and saved states.
 class MapperRun {
  public:
   struct Setup {
@@ -30,17 +29,17 @@ class MapperRun {
     StereoRig rig;
     bool plan_only = false;  // its memory is all that is asked for: no room is taken on the disk
   };
-  // Every pool is made; what an earlier mapper left on the disk is kept where a state may need it, and told
-  // on stderr where it cannot be used. Throws InputError, std::runtime_error.
+  // Makes every pool. Files of an earlier mapper are kept where a state may need them; unusable ones are
+  // reported on stderr. Throws InputError, std::runtime_error.
   MapperRun(Setup setup, MapperChannel& channel, rt::Clock& clock);
   MapperRun(const MapperRun&) = delete;
   MapperRun& operator=(const MapperRun&) = delete;
 
-  // From now on its figures tell what memory it has: armed, with this reserve.
+  // From now on its figures include its memory: armed, with this reserve.
   void measure(const rt::HeapReserve& heap);
-  // Gives the vehicle process its plan and what is resident.
-  void tellMemory();
-  // Comes to where the newest usable state was, or the log begins; says what was passed over on stderr.
+  // Reports its memory plan and resident set to the vehicle process.
+  void reportMemory();
+  // Loads the newest usable state, or begins at the log's beginning; reports on stderr what was passed over.
   void begin();
   // Follows the log until `stop` or its end mark.
   void follow();
@@ -61,7 +60,7 @@ class MapperRun {
   void planMemory();
   void addMemory(MapperFigures& figures);
   void say(const std::string& line) const;
-  // What the disk refused is missing in output or map: this run's state is not what the log makes.
+  // The disk refused data that output or map lacks now: this run's state differs from what the log gives.
   [[nodiscard]] bool lossy() const { return slots_refused_ || output_->lost(); }
   [[nodiscard]] std::optional<ImageView> pixels(const std::string& file_name, CameraSide side);
   [[nodiscard]] bool hasPixels(const std::string& file_name, CameraSide side);

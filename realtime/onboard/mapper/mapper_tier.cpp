@@ -4,16 +4,17 @@
 #include <cstring>
 #include <utility>
 
+#include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/fault_point.hpp"
-#include "realtime/kernel/state_archive.hpp"
-#include "realtime/onboard/pair_quota.hpp"
+#include "realtime/onboard/mission_run.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 // The stages that OnboardSystem and its cores name, then whole ones of this tier.
 constexpr std::size_t kMap = 11, kPair = 12, kArrivalToMap = 13, kLink = 14, kCheckpoint = 15;
-constexpr std::int64_t kPublishInterval = 100'000'000, kFiguresInterval = 1'000'000'000;  // [ns]
+constexpr std::int64_t kPublishInterval = 100'000'000, kFiguresInterval = kSecond_ns;  // [ns]
 
 }  // namespace
 

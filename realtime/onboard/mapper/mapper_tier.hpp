@@ -7,9 +7,9 @@
 #include <optional>
 #include <string>
 
-#include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
-#include "realtime/kernel/tiers/overload_rule.hpp"
+#include "realtime/kernel/threads/overload_rule.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "realtime/onboard/mapper/held_frames.hpp"
 #include "realtime/onboard/mapper/input_feed.hpp"
@@ -18,14 +18,14 @@
 
 namespace fathom::onboard {
 
-// The mapper's end of the modem: frames to send go into a ring. What the modem receives comes as inputs.
+// Modem port of the mapper: frames to send go into a ring; received frames come as inputs.
 class RingFramePort final : public FramePort {
  public:
   explicit RingFramePort(ModemRing& ring) : ring_(ring) {}
   [[nodiscard]] bool send(std::span<const std::uint8_t> frame) noexcept override;
   [[nodiscard]] std::size_t receive(std::span<std::uint8_t>) noexcept override { return 0; }
   [[nodiscard]] std::uint64_t droppedFrames() const noexcept override { return 0; }
-  // Frames that were sent before the program started again are not sent twice.
+  // Muted while frames would be sent that were already sent before the program started again.
   void setMuted(bool muted) noexcept { muted_ = muted; }
 
  private:
@@ -33,10 +33,10 @@ class RingFramePort final : public FramePort {
   ModemRing& ring_;
 };
 
-// The mapper's work: takes the inputs in the log's order through the mission run, decides by its own lag and
-// the time that pairs take how much a pair may cost, and has its decisions logged. It does the same whether
-// an input is of this moment or of an hour ago; only, up to the mark of its own start, what was decided
-// before is done again, nothing is decided by time, and nothing is sent.
+// The mapper's work: feeds the inputs in the log's order to the mission run, decides from its lag and the
+// time per pair how much work a pair may cost, and has its decisions logged. It works identically on new and
+// on logged inputs; only, up to the mark of its own start, earlier decisions are repeated, no measured time
+// decides, and nothing is sent.
 class MapperTier {
  public:
   struct Links {
@@ -58,20 +58,20 @@ class MapperTier {
   };
   static constexpr std::size_t kStages = MapperFigures::kStages;
   static const std::array<rt::StageSpec, kStages>& stageSpecs();
-  // One of the stages as a mapper told it, with its name.
+  // Summary of a stage from a mapper's figures, with its name.
   [[nodiscard]] static rt::StageSummary summaryOf(const MapperFigures& figures, std::size_t stage);
 
   MapperTier(MissionRun& run, const Links& links, const Config& config, rt::Clock& clock);
 
-  // The run was loaded from checkpoint `number` (0: none): a mark kRestart with it that stands at `from` or
-  // later is this start's, and ends the silence.
+  // The run was loaded from checkpoint `number` (0: none): a mark kRestart with that number at position
+  // `from` or later is this start's, and ends the silence.
   void awaitMark(std::uint64_t number, std::uint64_t from);
 
-  // Consumes at most `most` inputs that wait; how many it was.
+  // Consumes at most `most` waiting inputs; returns their number.
   std::size_t work(std::size_t most);
-  // The log has been consumed to its end mark, and to that of this start.
+  // The log was consumed to its end mark, and to the mark of this start.
   [[nodiscard]] bool ended() const { return run_.ended() && !awaited_; }
-  // What was measured, into the channel; some times a second at most.
+  // Publishes the measured figures in the channel; some times a second at most.
   void publish();
   // A sign of life, for work that takes long.
   void beat() noexcept;
@@ -100,8 +100,8 @@ class MapperTier {
   std::uint64_t awaited_from_ = 0;
   std::int64_t work_begin_ns_ = 0, stage_begin_ns_ = 0, stage_end_ns_ = 0;  // monotonic
   std::optional<std::int64_t> arrival_ns_;  // of the pair that is being looked at [UTC]
-  std::int64_t seeing_ns_ = 0;              // that it took to see the newest pair
-  std::int64_t last_frame_ns_ = 0;          // that the last pair took in all
+  std::int64_t seeing_ns_ = 0;              // time that see() of the newest pair took
+  std::int64_t last_frame_ns_ = 0;          // time of the last pair in all
   std::int64_t lag_ns_ = 0, highest_lag_ns_ = 0;
   std::int64_t published_ns_ = 0, figures_ns_ = 0;
   std::int64_t saved_ns_ = INT64_MIN / 2;

@@ -2,14 +2,14 @@
 
 #include <thread>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "telemetry/wire/bundle.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr double kNanoseconds = 1e9;  // in a second
-// Of one time: a flooded modem must not hold the vehicle.
+// Frames received at one time: bounded, so that a flooded modem cannot stop the vehicle.
 constexpr int kMostReceived = 64;
 // A dive of a day at ten frames a second; more is no recording of a downlink.
 constexpr std::size_t kMostRecorded = 864000;
@@ -38,7 +38,7 @@ FrameExchange::FrameExchange(OnboardOutput& output, const FrameExchangeOptions& 
 
 void FrameExchange::pace(std::int64_t now_ns) const {
   if (options_.modem == nullptr || options_.speed <= 0) return;
-  const double due = static_cast<double>(now_ns - first_ns_) / kNanoseconds / options_.speed;
+  const double due = static_cast<double>(now_ns - first_ns_) / kNanosecondsPerSecond / options_.speed;
   std::this_thread::sleep_until(
       start_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(due)));
 }

@@ -17,25 +17,25 @@ namespace fathom::onboard {
 
 struct FrameExchangeOptions {
   FramePort* modem = nullptr;
-  // Tells a simulated modem the mission's time before each use; a real one needs none.
+  // Gives a simulated modem the mission's time before each use; a real one needs none.
   std::function<void(std::int64_t now_ns)> modem_clock;
-  // Frames to receive instead of the modem's, at the times at which they were received: a downlink.bin.
+  // A downlink.bin: frames to receive instead of the modem's, at the times at which they were received.
   std::optional<std::filesystem::path> downlink;
   double speed = 0;  // mission seconds a second, with a modem; 0: as fast as the machine goes
 };
 
-// Frames cross here between the onboard system and the modem, in mission time: what goes out is written into
-// packets.bin as the modem gets it, what comes in into downlink.bin, link frame by link frame, in the order
-// in which the system consumed it. Frames are received once at each time, after its first sample: the same
-// frames at the same times replay exactly.
+// Exchanges frames between the onboard system and the modem in mission time. Frames sent are written into
+// packets.bin, frames received into downlink.bin, link frame by link frame, in the order in which the system
+// consumed them. Frames are received once at each time, after its first sample: the same frames at the same
+// times replay exactly.
 class FrameExchange {
  public:
   // Throws InputError for a downlink file that cannot be read, is damaged or runs backwards.
   FrameExchange(OnboardOutput& output, const FrameExchangeOptions& options);
 
-  // A link frame that the modem received earlier and that comes among the other inputs.
+  // A link frame that the modem received earlier and that is part of the other inputs.
   void receive(OnboardSystem& system, std::int64_t now_ns, std::span<const std::uint8_t> frame);
-  // The mission has come to `now_ns`: waits for that moment where the speed is given, receives, sends.
+  // Mission time is `now_ns`: waits for that moment if the speed is given, then receives and sends.
   void exchange(OnboardSystem& system, std::int64_t now_ns, bool survey_over);
 
   struct Counters {

@@ -6,11 +6,11 @@
 #include <span>
 
 #include "realtime/kernel/frame_port.hpp"
-#include "realtime/kernel/spsc_ring.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
 
 namespace fathom::onboard {
 
-// A modem frame on its way out; one that comes in is split into its link frames where it is received
+// A modem frame to be sent. A received one is split into its link frames where it is received
 // (io::ModemFrame), so that the many places that hold an input stay small.
 struct OutgoingFrame {
   std::uint16_t size = 0;

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/kernel/seconds.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/onboard/nav/nav_feed.hpp"
+#include "recon/geometry/state_values.hpp"
 
 namespace fathom::onboard {
 namespace {
-
-constexpr double kSecond = 1e9;  // [ns]
 
 using rt::nanoseconds;
 
@@ -126,11 +126,12 @@ std::optional<StereoTrigger> NavCore::pollTrigger() noexcept {
 }
 
 void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
-  // In floating point, because a damaged stamp may lie anywhere; never negative: a sample may be stamped
+  // In floating point, because a damaged stamp may have any value; never negative: a sample may be stamped
   // after the tick that it arrived before.
   const auto age = [utc_ns](const LastSeen& seen) {
     if (!seen.any) return -1.0;
-    return std::max(0.0, (static_cast<double>(utc_ns) - static_cast<double>(seen.utc_ns)) / kSecond);
+    return std::max(0.0,
+                    (static_cast<double>(utc_ns) - static_cast<double>(seen.utc_ns)) / kNanosecondsPerSecond);
   };
   health_.utc_ns = utc_ns;
   health_.dvl_age = age(dvl_);
@@ -175,6 +176,49 @@ void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
       {"out_of_order", track.out_of_order},
       {"time_leaps", track.time_leaps},
   }};
+}
+
+namespace {
+
+constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 5;
+
+template <typename Archive, typename Health>
+void exchangeHealth(Archive& archive, Health& health) {
+  archive(health.utc_ns, health.dvl_age, health.attitude_age, health.depth_age, health.water_age,
+          health.left_age, health.right_age, health.initialised, health.odometry_age, health.altitude,
+          health.depth, health.speed);
+  std::uint64_t waiting = health.waiting_pairs;
+  archive(waiting);
+  if constexpr (Archive::kLoading) health.waiting_pairs = static_cast<std::size_t>(waiting);
+  for (auto& counter : health.counters) archive(counter.value);
+}
+
+}  // namespace
+
+template <typename Archive, typename Self>
+void NavCore::exchange(Archive& archive, Self& self) {
+  archive(self.odometry_, self.pairing_, self.waiting_, self.triggers_, self.dvl_, self.attitude_,
+          self.depth_, self.water_, self.left_, self.right_, self.counters_);
+  exchangeHealth(archive, self.health_);
+}
+
+void NavCore::save(rt::StateWriter& writer) const {
+  writer.section(kTag, kVersion, [&] { exchange(writer, *this); });
+}
+
+bool NavCore::load(rt::StateReader& reader) {
+  takeHealth(0);  // for the counters' names
+  return reader.section(kTag, kVersion, [&] { exchange(reader, *this); });
+}
+
+void NavFeed::save(rt::StateWriter& writer) const {
+  writer(core_);
+  writer.section(kFeedTag, kVersion, [&] { writer(left_clock_, right_clock_, exposures_); });
+}
+
+bool NavFeed::load(rt::StateReader& reader) {
+  return reader(core_) &&
+         reader.section(kFeedTag, kVersion, [&] { reader(left_clock_, right_clock_, exposures_); });
 }
 
 }  // namespace fathom::onboard

@@ -6,10 +6,10 @@
 #include <optional>
 #include <string_view>
 
-#include "realtime/kernel/fixed_queue.hpp"
-#include "realtime/kernel/state_archive_fwd.hpp"
+#include "realtime/base/bytes/state_archive_fwd.hpp"
+#include "realtime/kernel/rings/fixed_queue.hpp"
 #include "realtime/onboard/nav/stereo_pairing.hpp"
-#include "recon/nav/dead_reckoning.hpp"
+#include "recon/navigation/dead_reckoning/dead_reckoning.hpp"
 
 namespace fathom::onboard {
 
@@ -26,8 +26,8 @@ struct NavCoreConfig {
 
 // A stereo pair and where it was taken: what starts MapCore on it.
 struct StereoTrigger {
-  // What the pose is. A pair comes at once, where the vehicle probably was, and again when the odometry
-  // covers its time; one that can be told nothing of yet comes once.
+  // Kind of the pose. A pair is given at once with a predicted pose, and again when the odometry covers its
+  // time; a pair without a prediction is given once.
   enum class Pose : std::uint8_t {
     kPredicted,  // another one follows
     kFinal,      // the first, and final
@@ -41,8 +41,7 @@ struct StereoTrigger {
   bool altitude_valid = false;
   nav::DeadReckoning::Quality quality;  // of the track up to then
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive.enumeration(self.pose, Pose::kCorrected);
     archive(self.pair_index, self.utc_ns, self.left_frame_id, self.right_frame_id, self.T_odom_body,
             self.altitude, self.altitude_valid, self.quality);
@@ -69,16 +68,9 @@ struct NavHealth {
   std::array<Counter, kCounters> counters;  // everything counted so far, under its name
 };
 
-// The hard tier's core: dead-reckoned odometry, stereo pairing, health. A plain state machine: no threads,
-// files, devices or clocks; the same inputs give the same outputs, bit for bit. Allocates nothing after
-// construction.
-//
-//   for each input:  core.add(input);  while (auto trigger = core.pollTrigger()) hand it to MapCore;
-//
-// A pair is given at once with the pose that is predicted for it, then waits until every navigation sensor
-// has reached its time and is given again. When too many wait, the oldest is dropped and counted; so is the
-// oldest trigger when nobody polls. The predicted ones are in the order of the pairs, and so are the final
-// ones.
+// A pair is given at once with its predicted pose, then waits until every navigation sensor has reached its
+// time and is given again. When too many wait, the oldest is dropped and counted; so is the oldest trigger
+// when nobody polls. Predicted and final triggers each keep the order of the pairs.
 class NavCore {
  public:
   // The config's numbers are finite and its tolerance positive (the mission's reader sees to it).
@@ -100,7 +92,7 @@ class NavCore {
   [[nodiscard]] const NavHealth& health() const noexcept { return health_; }
   [[nodiscard]] const nav::DeadReckoning& odometry() const noexcept { return odometry_; }
 
-  // Bit by bit, into one of the same configuration: it goes on as this one would.
+  // Bit by bit, into one of the same configuration, which then continues identically.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 
@@ -114,19 +106,13 @@ class NavCore {
     StereoPairing::Pair frames;
     bool predicted = false;  // it was given where it probably is
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.index, self.frames, self.predicted);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.index, self.frames, self.predicted); }
   };
   struct LastSeen {
     std::int64_t utc_ns = 0;
     bool any = false;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.utc_ns, self.any);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.utc_ns, self.any); }
   };
   struct Counters {
     std::uint64_t inputs = 0, pairs = 0, pairs_predicted = 0, pairs_uncovered = 0, triggers = 0,

@@ -5,14 +5,14 @@
 #include <variant>
 
 #include "realtime/onboard/nav/nav_core.hpp"
-#include "recon/nav/camera_clock.hpp"
+#include "recon/navigation/dead_reckoning/camera_clock.hpp"
 
 namespace fathom::onboard {
 
-// NavCore with what stands before it: numbers the exposures and brings their stamps into the vehicle's time.
-// Same calls, same state, bit for bit: the hard tier has one for poses and health at 100 Hz, the soft tier
-// one of its own that follows the same inputs, so that it finds the pose of any moment without asking the
-// other. Allocates nothing after construction.
+// NavCore with its input stage: numbers the exposures and converts their stamps to vehicle time. The same
+// calls give the same state, bit for bit: the hard tier has one for poses and health at 100 Hz, the soft tier
+// another that follows the same inputs, so that it finds the pose of any moment without asking the hard tier.
+// Allocates nothing after construction.
 class NavFeed {
  public:
   explicit NavFeed(const NavCoreConfig& config) : core_(config) {}
@@ -48,7 +48,7 @@ class NavFeed {
   [[nodiscard]] const nav::CameraClock& rightClock() const noexcept { return right_clock_; }
   [[nodiscard]] std::uint32_t exposures() const noexcept { return exposures_; }
 
-  // Bit by bit, into one of the same configuration (nav_state.cpp).
+  // Bit by bit, into one of the same configuration.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 

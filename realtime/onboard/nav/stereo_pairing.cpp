@@ -22,7 +22,7 @@ std::optional<StereoPairing::Pair> StereoPairing::add(CameraSide side, const Fra
   // The frame's time by the other camera's clock.
   const std::int64_t expected_ns =
       side == CameraSide::kLeft ? frame.utc_ns + skew_ns_ : frame.utc_ns - skew_ns_;
-  // What lies before it by more than the tolerance can match no later one either.
+  // A frame earlier than this one by more than the tolerance matches no later one either.
   while (!other.waiting.empty() && other.waiting.front().utc_ns < expected_ns - within_ns) {
     other.waiting.popFront();
     ++other.unpaired;

@@ -5,39 +5,33 @@
 #include <cstdint>
 #include <optional>
 
-#include "realtime/kernel/fixed_queue.hpp"
+#include "realtime/kernel/rings/fixed_queue.hpp"
 #include "recon/geometry/sensor_samples.hpp"
-#include "recon/nav/sensor_history.hpp"
+#include "recon/navigation/dead_reckoning/sensor_history.hpp"
 
 namespace fathom::onboard {
 
-// Finds, for each exposure of one camera, the nearest of the other within a tolerance. The two streams may
-// arrive in any order relative to each other; each is in the order of its times. Fixed memory.
+// Pairs each exposure of one camera with the nearest of the other within a tolerance. The two streams may
+// arrive in any order relative to each other; each is ordered in time. Fixed memory.
 //
-// The cameras' clocks drift apart (50 ppm each way is 0.36 s an hour), so the tolerance holds about a skew,
-// right less left, that follows the pairs found: each moves it by an eighth of what it is off, but by no more
-// than two clocks drift apart in the time between the pairs. A camera that exposes late leaves the tolerance
-// where it was. After a time without pairs, a descent from `start_ns` on or cameras that were switched off,
-// the tolerance is wider by what clocks drift apart in it, and the first pair sets the skew; but not where
-// that leaves two frames to choose from (at 2 Hz after 20 minutes).
+// The cameras' clocks drift apart (+-50 ppm each give 0.36 s per hour), so the tolerance is relative to a
+// skew, right less left, that tracks the pairs found: each pair moves it by an eighth of its residual, at
+// most by the possible drift of two clocks since the previous pair. A camera that exposes late leaves the
+// skew unchanged. After a time without pairs (a descent since `start_ns`, or cameras switched off) the
+// tolerance is wider by the possible drift in that time, and the first pair sets the skew; but not where that
+// leaves two candidate frames (at 2 Hz after 20 minutes).
 class StereoPairing {
  public:
   struct Frame {
     std::int64_t utc_ns = 0;
     std::uint32_t frame_id = 0;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.utc_ns, self.frame_id);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.utc_ns, self.frame_id); }
   };
   struct Pair {
     Frame left, right;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.left, self.right);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.left, self.right); }
   };
 
   // `tolerance_ns`: largest difference of exposure times of a pair; below half the time between frames.
@@ -54,8 +48,7 @@ class StereoPairing {
   [[nodiscard]] std::int64_t skewNs() const noexcept { return skew_ns_; }  // right less left, followed
 
   // For saved state (state_archive.hpp), bit by bit.
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.skew_ns_, self.newest_pair_ns_, self.period_ns_, self.streams_, self.refused_);
   }
 
@@ -67,10 +60,7 @@ class StereoPairing {
     rt::FixedQueue<Frame, kWaiting> waiting;
     std::uint64_t unpaired = 0;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.times, self.waiting, self.unpaired);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.times, self.waiting, self.unpaired); }
   };
   // That two clocks may have drifted apart since the newest pair.
   [[nodiscard]] std::int64_t driftAt(std::int64_t utc_ns) const noexcept;
@@ -79,7 +69,7 @@ class StereoPairing {
     return streams_[static_cast<std::size_t>(side)];
   }
 
-  static constexpr std::int64_t kSkewFollow = 8;  // pairs over which the skew follows
+  static constexpr std::int64_t kSkewFollow = 8;  // a pair moves the skew by this part of its residual
   static constexpr std::int64_t kDriftShare =
       5000;  // of a time, that two clocks of 100 ppm drift apart in it
   std::int64_t tolerance_ns_;

@@ -6,27 +6,27 @@
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/descriptor.hpp"
+#include "realtime/base/files/descriptor.hpp"
 
 namespace fathom::onboard {
 
-// A file that grows row by row on a disk that may refuse for a while. Rows wait in a buffer that is taken at
-// once, and are written at an offset that the object keeps: what the disk refuses stays in the buffer and is
-// tried again. While the buffer is full and the disk refuses, rows are lost: whole ones, counted; the file is
-// then not what it should be, also when the disk works again. After construction nothing throws and nothing
-// is allocated; a write may wait for the disk.
+// A file that grows row by row on a disk that may refuse for a while. Rows wait in a preallocated buffer and
+// are written at an offset that the object keeps; rows that the disk refuses stay in the buffer and are tried
+// again. While the buffer is full and the disk refuses, whole rows are lost and counted; the file is then
+// incomplete, also when the disk works again. After construction nothing throws and nothing is allocated; a
+// write may wait for the disk.
 class GrowingFile {
  public:
   static constexpr std::size_t kBufferBytes = 256 * 1024;
   // Rows are written when so many bytes wait; a disk that refused is tried again after as many more.
   static constexpr std::size_t kWriteBytes = 16 * 1024;
 
-  // `room`: of the disk, taken when the file is opened, if the file system can; others cannot fill it [B].
+  // `room`: disk space reserved when the file is opened, if the file system can [B].
   explicit GrowingFile(std::filesystem::path path, std::uint64_t room = 0);
 
-  // Opens what is there, or a new file, and goes on behind its end; throws std::runtime_error when it cannot.
+  // Opens the file and continues at its end, or makes a new one; throws std::runtime_error when it cannot.
   void open();
-  // The file is there, or will be once the disk takes it: it was opened, or rows were added.
+  // The file exists, or will once the disk permits: it was opened, or rows were added.
   [[nodiscard]] bool begun() const { return begun_; }
 
   // A row; longer ones than the buffer are lost.
@@ -41,12 +41,12 @@ class GrowingFile {
   // Of the last write, or of the rows that were lost; "" when well.
   [[nodiscard]] std::string failure() const;
 
-  // Back to what it was when it had so many bytes and had lost so many rows, or had not begun. False when it
-  // is shorter than that, or the disk refuses.
+  // Truncates the file to an earlier state: so many bytes, so many rows lost, or not begun. False when it is
+  // shorter than that, or the disk refuses.
   [[nodiscard]] bool cutBack(bool begun, std::uint64_t bytes, std::uint64_t lost_rows) noexcept;
-  // All of it, rows that wait too; what cannot be read is left out and said.
+  // The whole content, waiting rows included; what cannot be read is left out, and failure() reports it.
   [[nodiscard]] std::vector<std::uint8_t> read();
-  // Flushed, as long as its rows are (room that was taken goes back), and on the disk. False: see failure().
+  // Writes the waiting rows, truncates reserved space and flushes the file to the disk. False: see failure().
   [[nodiscard]] bool finish() noexcept;
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }

@@ -8,8 +8,7 @@
 
 namespace fathom::onboard {
 
-// A stream into memory for one row at a time, which is used again for the next: it keeps its room and its
-// format.
+// A stream into memory for one row at a time; reused for the next row, it keeps its buffer and its format.
 class RowStream : public std::ostream {
  public:
   RowStream() : std::ostream(nullptr) { rdbuf(&buffer_); }

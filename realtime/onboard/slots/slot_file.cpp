@@ -10,7 +10,7 @@
 #include <string>
 #include <utility>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::onboard {
 namespace {

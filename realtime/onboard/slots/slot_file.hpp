@@ -4,29 +4,29 @@
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/descriptor.hpp"
+#include "realtime/base/files/descriptor.hpp"
 #include "realtime/onboard/slots/slot_journal.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 
 namespace fathom::onboard {
 
-// Slots in one file whose blocks are taken from the disk at once, so that it cannot run full later.
+// Slots in one file with blocks allocated on the disk at once, so that it cannot run full later.
 //
-// A slot carries no checksum: who writes one keeps the hash of its content, which also tells a slot that is
-// whole but another's (KeyframeFeatures, MovingMap).
+// Slots carry no checksum: the writer keeps a hash of their content, which also detects a slot that is intact
+// but holds other content (KeyframeFeatures, MovingMap).
 //
-// A journal beside it (SlotJournal; `NAME.undo`, or without a name as the file) keeps what slots held since
-// the marks that are remembered: a slot that is written over for the first time since a mark is read and
-// appended there first. A journal that the disk refuses costs the marks, not the slots.
+// A journal beside the file (SlotJournal; `NAME.undo`, or without a name like the file) keeps the slots'
+// content since the remembered marks: before a slot is overwritten for the first time since a mark, its
+// content is appended to the journal. A disk that refuses the journal costs the marks, not the slots.
 class SlotFile : public SlotStore {
  public:
-  // A file without a name in an existing folder: it is gone with the program, however that ends. Throws
-  // InputError when the folder cannot be written or the disk has no such room.
+  // A file without a name in an existing folder, which disappears with the program. Throws InputError when
+  // the folder cannot be written or the disk lacks the room.
   SlotFile(const std::filesystem::path& folder, std::size_t slots, std::size_t slot_bytes);
 
-  // A file with a name, which outlives the program. `reopen`: what is there is kept, if its size is right;
-  // kept() says so. Else, and where there is none, it begins with zeros and without marks. What was written
-  // is there after the program was killed; after a power loss only what was written before sync().
+  // A file with a name, which outlives the program. `reopen`: keeps the content if its size is right, see
+  // kept(); otherwise it begins with zeros and without marks. Written slots survive a kill of the program; a
+  // power loss only those written before sync().
   struct Named {
     std::filesystem::path file;
     bool reopen = false;
@@ -38,8 +38,8 @@ class SlotFile : public SlotStore {
   [[nodiscard]] bool write(std::size_t slot, std::span<const std::uint8_t> data) override;
   [[nodiscard]] bool read(std::size_t slot, std::span<std::uint8_t> data) override;
   void mark(std::uint64_t number) override { journal_.mark(number); }
-  // False also when the disk fails in the middle: then only going back to an older mark, or to 0, makes the
-  // slots those of one time.
+  // False also when the disk fails in the middle: then only a return to an older mark, or to 0, gives slots
+  // of one time.
   [[nodiscard]] bool rollBack(std::uint64_t number) override;
   [[nodiscard]] bool needsCheck() const override { return journal_.needsCheck(); }
   void checked() override { journal_.checked(); }
@@ -49,8 +49,8 @@ class SlotFile : public SlotStore {
   [[nodiscard]] std::filesystem::path journalPath() const { return path_.string() + ".undo"; }
   [[nodiscard]] std::uint64_t journalBytes() const { return journal_.bytes(); }
   [[nodiscard]] bool kept() const { return kept_; }  // a named file's content of an earlier run
-  // Brings all that was written, and the journal, to the disk; may be called while others write. False when
-  // the disk fails.
+  // Flushes the slots and the journal to the disk; may be called while others write. False when the disk
+  // fails.
   [[nodiscard]] bool sync() const;
 
  private:

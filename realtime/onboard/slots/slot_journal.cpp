@@ -11,8 +11,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "realtime/kernel/crc32.hpp"
-#include "recon/geometry/hash64.hpp"
+#include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/numbers/hash64.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -6,41 +6,42 @@
 #include <span>
 #include <vector>
 
-#include "realtime/kernel/descriptor.hpp"
+#include "realtime/base/files/descriptor.hpp"
 
 namespace fathom::onboard {
 
-// What the slots of a slot file held before they were written over, so that they can be as they were at a
-// mark. An epoch goes from one mark to the next. Before a slot is written for the first time in an epoch its
-// old content is appended here, without the zeros at its end. Going back to a mark: of every slot the oldest
-// content since then.
+// Undo journal of a slot file: the old content of overwritten slots, to restore them to a mark. An epoch is
+// the time from one mark to the next. Before a slot is written for the first time in an epoch, its old
+// content is appended here, without trailing zeros. To return to a mark, the oldest content of every slot
+// since then is restored.
 //
-// The file: a head (where the records begin, of which boot of the machine it is), then records, each with a
-// checksum: marks and slots. After kill -9 all of it counts; a record that the file's end cuts short was
-// being written, so that its slot was not yet. After the machine was off nobody knows whether records are
-// missing at the end, nor which slots reached the disk without theirs: what is whole counts, and
-// needsCheck(). A disk that refuses a record ends all epochs until the next mark.
+// The file: a head (where the records begin, boot identifier of the machine), then records with checksums:
+// marks and slots. After kill -9 all of it is valid; a record that the end of the file truncates was being
+// written, so that its slot was not yet. After the machine was off, records may be missing at the end, and
+// slots may have reached the disk without their records: intact records are used, and needsCheck() is true. A
+// disk that refuses a record ends all epochs until the next mark.
 class SlotJournal {
  public:
-  // For another mark the oldest goes: 43 minutes at one in ten seconds.
+  // A further mark replaces the oldest: 43 minutes at one per ten seconds.
   static constexpr std::size_t kMostMarks = 256;
 
-  // `reopen`: takes up what an earlier program left in the file.
+  // `reopen`: continues the journal of an earlier program.
   SlotJournal(Descriptor file, bool reopen, std::size_t slots, std::size_t slot_bytes);
 
   void mark(std::uint64_t number) noexcept;
-  // The slot's content has to be kept before it is written: fill content(), then keep(). Allocates nothing.
+  // Whether the slot's content must be kept before it is written: fill content(), then call keep(). Allocates
+  // nothing.
   [[nodiscard]] bool wants(std::size_t slot) const noexcept { return !marks_.empty() && kept_[slot] == 0; }
   [[nodiscard]] std::span<std::uint8_t> content() noexcept;
   void keep(std::size_t slot, std::size_t bytes) noexcept;
-  // Ends all epochs: something could not be kept.
+  // Ends all epochs, because content could not be kept.
   void clear() noexcept;
 
-  // Gives what every slot held at the newest mark of that number, if that was something else. The rest of a
-  // slot was zeros. False for a mark that there is not, or when the disk or `restore` fails.
+  // Calls `restore` with the content that every changed slot had at the newest mark of that number; the rest
+  // of a slot was zeros. False for an unknown mark, or when the disk or `restore` fails.
   using Restore = std::function<bool(std::size_t slot, std::span<const std::uint8_t> content)>;
   [[nodiscard]] bool eachSince(std::uint64_t number, const Restore& restore);
-  // The slots are as at that mark: its epoch begins again.
+  // The slots were restored to that mark: its epoch begins again.
   void beginAgain(std::uint64_t number) noexcept;
   void forget(std::uint64_t before) noexcept;
   [[nodiscard]] bool needsCheck() const noexcept { return needs_check_; }

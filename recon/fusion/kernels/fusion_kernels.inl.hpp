@@ -67,8 +67,8 @@ int fuse(const SightTriangle& t, const BlockVoxels& voxels, VoxelBlock* block) {
       const Floats per_sum = 1.0F / ((t.scale[0] * x + t.scale[1] * y) + t.scale[2] * z);
       const Floats range = squareRoot((x * x + y * y) + z * z);
       const Floats distance = (t.plane * per_sum - 1.0F) * range;
-      // Behind the surface the weight falls to nothing over the second half of the band, so that the far side
-      // of a thin thing is left to those who see it.
+      // Behind the surface the weight falls to 0 over the second half of the band, so that the far side of a
+      // thin object is left to the meshes that see it.
       Floats behind = 2.0F + distance * (2.0F / t.band);
       behind = behind > 1.0F ? zero + 1.0F : behind;
       const Floats share0 = w[0] * per_sum, share1 = w[1] * per_sum, share2 = w[2] * per_sum;

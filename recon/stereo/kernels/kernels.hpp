@@ -3,12 +3,12 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "recon/geometry/instruction_sets.hpp"
+#include "realtime/base/numbers/instruction_sets.hpp"
 
 namespace fathom::stereo {
 
-// Shape of a matching window. Rows are padded to `pitch` samples (a multiple of 16) whose weights are zero,
-// so that vectors of every width end at the same place.
+// Shape of a matching window. Rows are padded with weights of zero to `pitch` samples (a multiple of 16), so
+// that vectors of every width end at the same place.
 struct PatchShape {
   int window = 0;                               // edge [px]
   int pitch = 0;                                // samples from row to row of a template
@@ -27,8 +27,8 @@ struct PatchMoments {
   float v, gx, gy, vv, vgx, vgy, gxgx, gxgy, gygy;
 };
 
-// A template's linear forms are made by: value = scale_v w (v - mean), sx = scale_x w (gx - mean_x - per_x
-// (v - mean)), sy likewise, each rounded to whole numbers.
+// Linear forms of a template, rounded to whole numbers: value = scale_v w (v - mean),
+// sx = scale_x w (gx - mean_x - per_x (v - mean)), sy likewise.
 struct TemplateScaling {
   int centre;  // subtracted from samples before anything else
   float mean, mean_x, mean_y, per_x, per_y;
@@ -48,8 +48,7 @@ struct Likeness {
 };
 
 // The inner loops, once per instruction set. All arithmetic is in whole numbers, or in single precision in an
-// order that does not depend on the vectors' width and without fused multiply-add: every set gives the same
-// bits.
+// order independent of the vectors' width and without fused multiply-add: every set gives the same bits.
 struct Kernels {
   // Vertical (1 4 6 4 1) of five rows, `n` columns.
   void (*smoothRows)(const std::uint8_t* const rows[5], int n, std::uint16_t* out);
@@ -66,12 +65,12 @@ struct Kernels {
   // Harris measure of sums over five columns, `n` results; 0 unless determinant > floor trace.
   void (*harrisRow)(const std::int32_t* xx, const std::int32_t* xy, const std::int32_t* yy, int n, float k,
                     float floor, float* out);
-  // Columns 0 to n - 1 whose value is positive and a maximum of the 3x3 around; of equal ones the first in
-  // reading order. The rows may be read from column -1 to n. Returns how many.
+  // Columns 0 to n - 1 with a positive value that is the maximum of the 3x3 around, of equal ones the first
+  // in reading order. Reads the rows from column -1 to n. Returns their number.
   int (*localMaxima)(const float* above, const float* row, const float* below, int n, std::int32_t* columns);
 
-  // Patches. `origin`: the pixel at or before the window's first sample; fx, fy: 0 to 127 [1/128 px].
-  // Samples of the window and of a margin of one pixel, (window + 2) rows of kPaddedPitch.
+  // Patches. `origin`: the pixel at or before the window's first sample; fx, fy: 0 to 127 [1/128 px]. Samples
+  // of the window and of a margin of one pixel, (window + 2) rows of kPaddedPitch.
   void (*samplePatch)(const PatchShape& shape, const std::uint8_t* origin, std::ptrdiff_t stride, int fx,
                       int fy, std::int16_t* padded);
   void (*patchMoments)(const PatchShape& shape, const std::int16_t* padded, int centre, PatchMoments& out);

@@ -1,5 +1,5 @@
-// Inner loops over matching windows. Included once per instruction set by kernels.inl.hpp, inside its
-// namespace.
+// Inner loops over matching windows. Included once per instruction set by kernels.inl.hpp, inside
+// its namespace.
 
 // Eight lanes of single precision, in one vector or two: sums over a window have the same order in every
 // instruction set.

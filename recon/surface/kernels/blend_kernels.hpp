@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "recon/geometry/instruction_sets.hpp"
+#include "realtime/base/numbers/instruction_sets.hpp"
 #include "recon/surface/band_image.hpp"
 #include "recon/surface/view_projection.hpp"
 
@@ -17,15 +17,15 @@ struct NodePoints {
   const float *nx = nullptr, *ny = nullptr, *nz = nullptr;  // unit normals
 };
 
-// Where a view sees them.
+// Their image positions in a view.
 struct NodePixels {
   float *u = nullptr, *v = nullptr, *depth = nullptr;  // [px], [m]
   float* centrality = nullptr;                         // distance from the image's centre, 1 in the corners
-  float* freedom = nullptr;  // 0: not seen; rises to 1 away from the border and from edge-on sight
+  float* freedom = nullptr;  // 0: not visible; rises to 1 away from the border and from edge-on faces
 };
 
-// A view over one cell: image position and weight in its corners (left top, right top, left bottom, right
-// bottom).
+// A view over one cell: image position and weight in its corners (left top, right top, left bottom,
+// right bottom).
 struct CellView {
   std::uint32_t place = 0;  // of the view in its index
   const std::uint8_t* pixels = nullptr;
@@ -34,7 +34,7 @@ struct CellView {
   std::array<float, 4> u{}, v{}, weight{};
 };
 
-// The texels of a cell that lie within its chart.
+// The texels of a cell within its chart.
 struct CellTexels {
   std::uint8_t* out = nullptr;
   std::ptrdiff_t stride = 0;  // bytes from row to row
@@ -49,8 +49,8 @@ struct BlendKernels {
                        const NodePixels& out);
   // out = freedom exp(-k centrality).
   void (*weigh)(const float* centrality, const float* freedom, int count, float k, float* out);
-  // Over `views` rows of `count` weights, a column at a time: takes kLeast of the largest off each, cuts at
-  // 0 and divides by the sum. A column of zeros stays. `sums`: room for 2 count.
+  // Over `views` rows of `count` weights, a column at a time: takes kLeast of the largest off each, cuts at 0
+  // and divides by the sum. A column of zeros stays. `sums`: room for 2 count.
   void (*normalise)(float* weights, int views, int count, std::ptrdiff_t row, float* sums);
   // colour += (low - middle) coarse + middle fine; fine_of_high += high fine: four values a node.
   void (*gatherBands)(const LowPass& fine, const LowPass& coarse, const float* u, const float* v,

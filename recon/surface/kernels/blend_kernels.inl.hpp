@@ -36,7 +36,7 @@ template <bool kPorted>
 void projectNodesOf(const ViewProjection& view, const NodePoints& nodes, float fade, const NodePixels& out) {
   const auto r = view.rotation;
   const auto t = view.translation;
-  // The camera's place, seen from the origin.
+  // The camera's position relative to the origin.
   const float ex = -(r[0] * t[0] + r[3] * t[1] + r[6] * t[2]);
   const float ey = -(r[1] * t[0] + r[4] * t[1] + r[7] * t[2]);
   const float ez = -(r[2] * t[0] + r[5] * t[1] + r[8] * t[2]);

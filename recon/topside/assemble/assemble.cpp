@@ -5,21 +5,21 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/ply_parts.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/ply_writer.hpp"
+#include "recon/products/tables/dive_tables.hpp"
+#include "recon/products/tiles/joined_vertices.hpp"
+#include "recon/products/tiles/tileset.hpp"
+#include "recon/topside/assemble/dive_tables_input.hpp"
 #include "recon/topside/report/pose_output.hpp"
-#include "recon/topside/tables/dive_tables.hpp"
-#include "recon/topside/tables/dive_tables_input.hpp"
-#include "recon/topside/tiles/joined_vertices.hpp"
-#include "recon/topside/tiles/tileset.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double kRadian = 180 / 3.14159265358979323846;
 
 LevelSummary writeLevel(const Dive& dive, int level, const TilePlaces& places, const fs::path& folder,
                         std::vector<TileEntry>& entries) {
@@ -103,8 +103,8 @@ void writeScene(Dive& dive, const Assembled& model, const std::vector<TileEntry>
       {"vehicle", mission.vehicle_name},
       {"dive_id", mission.dive_id},
       {"software", "fathom-topside " FATHOM_VERSION},
-      {"origin", dive.input().placed ? Json{{"latitude", mission.origin.latitude * kRadian},
-                                            {"longitude", mission.origin.longitude * kRadian}}
+      {"origin", dive.input().placed ? Json{{"latitude", mission.origin.latitude * kDegreesPerRadian},
+                                            {"longitude", mission.origin.longitude * kDegreesPerRadian}}
                                      : Json()},
       {"tileset", "tiles/tileset.json"},
       {"levels", levels},
@@ -172,7 +172,7 @@ Assembled assemble(Dive& dive, const FuseResult& fused, const fs::path& out) {
   const MissionInput& input = dive.input();
   const WaterLog water(input.given_poses || !input.navigated ? std::vector<WaterSample>()
                                                              : readWater(input.paths.root));
-  const std::vector<TrackPoint> track = trackOf(dive, fused, water);
+  const std::vector<DiveTrackPoint> track = trackOf(dive, fused, water);
   const std::vector<ImageRow> rows = imageRowsOf(dive, fused, water);
   writeTrackJson(out / "track.json", track, input.timed());
   writeImagesJson(out / "images.json", rows, dive.input().rig.left);

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "recon/products/rasters/layer_set.hpp"
 #include "recon/topside/dive.hpp"
-#include "recon/topside/rasters/layer_set.hpp"
 #include "recon/topside/report/map_picture.hpp"
 
 namespace fathom::topside {

@@ -6,8 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/mcc.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/colour_difference.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/colour.hpp"
 #include "recon/lighting/lighting_model.hpp"
 
 namespace fathom::topside {
@@ -113,7 +113,7 @@ calibration::ChartView readChart(const std::filesystem::path& file, Samples samp
   std::vector<cv::Point2f> to;
   for (const Eigen::Vector2d& p : at) {
     if (!(p.x() >= 0 && p.y() >= 0 && p.x() < image.view.width && p.y() < image.view.height))
-      throw InputError(file.string(), "--corners", "a corner lies outside the image");
+      throw InputError(file.string(), "--corners", "a corner is outside the image");
     to.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
   }
   const cv::Mat place = cv::getPerspectiveTransform(

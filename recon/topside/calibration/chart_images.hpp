@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "recon/calibration/colour_chart.hpp"
-#include "recon/topside/input/images/image_samples.hpp"
+#include "recon/import/images/image_samples.hpp"
 
 namespace fathom::topside {
 

@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -15,15 +15,15 @@ constexpr int kCorners = 600;             // wanted in an image
 constexpr double kQuality = 0.005;        // of the best corner
 constexpr double kSpacing = 1.0 / 45;     // between corners, of the image's width
 constexpr int kWindow = 21, kLevels = 3;  // reach: about 80 px at full size, 20 px at a quarter
-constexpr double kBackAgain = 0.3;        // farther from the start after the way back: no match [px]
+constexpr double kBackAgain = 0.3;        // farther from the start after tracking back: no match [px]
 
 cv::Mat matOf(const ImageView& image) {
   return {image.height, image.width, CV_8UC1, const_cast<void*>(image.data), image.stride};
 }
 
 // Tracks points forth and back. `to` holds guesses; good[k] says whether it came back.
-std::vector<bool> track(const cv::Mat& first, const cv::Mat& second, const std::vector<cv::Point2f>& from,
-                        std::vector<cv::Point2f>& to) {
+std::vector<bool> trackedPoints(const cv::Mat& first, const cv::Mat& second,
+                                const std::vector<cv::Point2f>& from, std::vector<cv::Point2f>& to) {
   std::vector<std::uint8_t> forth, back;
   std::vector<float> residual;
   std::vector<cv::Point2f> again = from;
@@ -69,7 +69,7 @@ std::vector<RigMatch> matchFreely(const StereoRig& rig, const ImageView& left, c
   }
   std::vector<RigMatch> matches;
   if (from.empty()) return matches;
-  const std::vector<bool> good = track(left_image, right_image, from, to);
+  const std::vector<bool> good = trackedPoints(left_image, right_image, from, to);
   for (std::size_t k = 0; k < from.size(); ++k)
     if (good[k] && rig.right.contains({to[k].x, to[k].y}))
       matches.push_back({{from[k].x, from[k].y}, {to[k].x, to[k].y}});
@@ -108,7 +108,7 @@ std::optional<SeenMotion> trackMotion(const Camera& camera, const ImageView& fir
     seen.push_back(p.point);
   }
   if (from.size() < kFewest) return std::nullopt;
-  const std::vector<bool> good = track(matOf(first), matOf(next), from, to);
+  const std::vector<bool> good = trackedPoints(matOf(first), matOf(next), from, to);
   std::vector<cv::Point3d> objects;
   std::vector<cv::Point2d> images;  // undistorted, as if of focal length 1
   for (std::size_t k = 0; k < from.size(); ++k) {

@@ -4,13 +4,13 @@
 #include <vector>
 
 #include "recon/calibration/epipolar_check.hpp"
-#include "recon/calibration/mount_alignment.hpp"
+#include "recon/calibration/sensor_checks.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::topside {
 
-// Matches for judging a rig. The stereo stage looks along epipolar lines, so what it finds lies on them
+// Matches for judging a rig. The stereo stage looks along epipolar lines, so what it finds is on them
 // whatever the calibration; here Lucas-Kanade (cv::calcOpticalFlowPyrLK) goes wherever the image leads it,
 // from where the seafloor's plane says, forth and back. Images: 8 bit mono, of the rig's size.
 [[nodiscard]] std::vector<RigMatch> matchFreely(const StereoRig& rig, const ImageView& left,
@@ -21,7 +21,7 @@ struct SeenPoint {
   Eigen::Vector2d left;
   Eigen::Vector3d point;
 };
-// Triangulates the matches that lie near the median epipolar error of the pair and within the ranges.
+// Triangulates the matches that are near the median epipolar error of the pair and within the ranges.
 [[nodiscard]] std::vector<SeenPoint> triangulate(const StereoRig& rig, const std::vector<RigMatch>& matches,
                                                  double min_range, double max_range);
 

@@ -9,12 +9,12 @@
 #include <numbers>
 #include <optional>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
-#include "recon/geometry/eight_bit_view.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/progress.hpp"
+#include "recon/geometry/image_view.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/calibration/range_map.hpp"
-#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/input/navigation_seed_plane.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/light/pair_images.hpp"
@@ -89,7 +89,7 @@ RunResult lookAtRun(const Mission& m, const LightingModels& lighting, std::size_
 
 // Runs of kRun consecutive pairs, spread evenly so that there are about `wanted` pairs in all. Neighbouring
 // runs share a pair, so that no step is lost where all are taken.
-std::vector<std::pair<std::size_t, std::size_t>> runsOf(std::size_t pairs, std::size_t wanted) {
+std::vector<std::pair<std::size_t, std::size_t>> pairRunsOf(std::size_t pairs, std::size_t wanted) {
   std::vector<std::pair<std::size_t, std::size_t>> out;
   const std::size_t all = (pairs + kRun - 1) / kRun;
   const std::size_t count = std::clamp<std::size_t>((wanted + kRun - 1) / kRun, 1, all);
@@ -126,7 +126,7 @@ struct BeamPattern {
 // one line does not reach the outer ones, and the mean around the ring stands for them.
 constexpr BeamPattern kPatterns[] = {{"four beams at 45 deg", 4, std::numbers::pi / 4, 4},
                                      {"four beams ahead, astern and abeam", 4, 0, 4},
-                                     {"the ring that the beams lie on", 32, 0, 12}};
+                                     {"the ring that the beams are on", 32, 0, 12}};
 
 std::vector<calibration::RangeSample> compareRanges(const Mission& m, const RangeMap& map,
                                                     const BeamPattern& pattern) {
@@ -184,7 +184,7 @@ MissionCheck checkMission(const MissionCheckOptions& options) {
   const Mission m = readMission(options);
   LightingModels lighting(m.input, m.topside.lighting);
   learnLighting(m.input, m.topside, m.survey, lighting);
-  const auto runs = runsOf(m.survey.list.pairs.size(), options.pairs);
+  const auto runs = pairRunsOf(m.survey.list.pairs.size(), options.pairs);
   std::vector<RunResult> results(runs.size());
   {
     rt::StageProgress progress("matching", runs.size());

@@ -6,8 +6,7 @@
 #include <vector>
 
 #include "recon/calibration/epipolar_check.hpp"
-#include "recon/calibration/mount_alignment.hpp"
-#include "recon/calibration/range_check.hpp"
+#include "recon/calibration/sensor_checks.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::topside {
@@ -43,7 +42,7 @@ struct MissionVerdict {
   };
   std::vector<Line> lines;
 };
-// "good", "BAD" or "open" (not to be told from this mission).
+// "good", "BAD" or "open" (not observable on this mission).
 [[nodiscard]] const char* nameOf(MissionVerdict::Line::Kind kind);
 
 // With every threshold in the lines; only what is certainly bad (3 standard deviations) is called so.

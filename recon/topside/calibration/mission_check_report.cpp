@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
 #include "telemetry/web/report_page.hpp"
 
@@ -14,9 +14,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using calibration::MountEstimate;
 
-constexpr double kDegrees = 180.0 / std::numbers::pi;
-
-Json triple(const Eigen::Vector3d& v, double factor = 1) {
+Json scaledTriple(const Eigen::Vector3d& v, double factor = 1) {
   Json out = Json::array();
   for (int i = 0; i < 3; ++i) out.push_back(std::isfinite(v(i)) ? Json(factor * v(i)) : Json(nullptr));
   return out;
@@ -24,11 +22,11 @@ Json triple(const Eigen::Vector3d& v, double factor = 1) {
 
 Json estimateJson(const MountEstimate& e) {
   return {{"known", e.known},
-          {"off_deg", triple(e.rotation, kDegrees)},
-          {"sigma_deg", triple(e.sigma, kDegrees)}};
+          {"off_deg", scaledTriple(e.rotation, kDegreesPerRadian)},
+          {"sigma_deg", scaledTriple(e.sigma, kDegreesPerRadian)}};
 }
 
-Json toJson(const MissionCheck& c, const MissionVerdict& verdict) {
+Json missionJson(const MissionCheck& c, const MissionVerdict& verdict) {
   Json lines = Json::array(), cells = Json::array();
   for (const auto& l : verdict.lines) lines.push_back({{"verdict", nameOf(l.kind)}, {"text", l.text}});
   for (const auto& cell : c.epipolar.cells)
@@ -49,8 +47,8 @@ Json toJson(const MissionCheck& c, const MissionVerdict& verdict) {
             {"columns", calibration::kEpipolarColumns},
             {"rows", calibration::kEpipolarRows},
             {"cells", cells},
-            {"right_turned_deg", triple(e.rotation, kDegrees)},
-            {"right_turned_sigma_deg", triple(e.rotation_sigma, kDegrees)},
+            {"right_turned_deg", scaledTriple(e.rotation, kDegreesPerRadian)},
+            {"right_turned_sigma_deg", scaledTriple(e.rotation_sigma, kDegreesPerRadian)},
             {"right_focal_longer", e.focal},
             {"right_focal_sigma", e.focal_sigma},
             {"sigma_after_px", e.sigma_after}}},
@@ -76,12 +74,12 @@ Json toJson(const MissionCheck& c, const MissionVerdict& verdict) {
             {"both", estimateJson(m.both)},
             {"speed_ratio", m.speed_ratio},
             {"speed_ratio_sigma", m.speed_ratio_sigma},
-            {"rotation_scatter_deg", kDegrees * m.rotation_scatter},
+            {"rotation_scatter_deg", kDegreesPerRadian * m.rotation_scatter},
             {"middle_scatter_m", m.middle_scatter}}}};
 }
 
-// Medians of the parts of the left image, blue where the match lies above its line, red below.
-void addCells(web::Report& report, const MissionCheck& c) {
+// Medians of the parts of the left image, blue where the match is above its line, red below.
+void addCells(web::ReportPage& report, const MissionCheck& c) {
   constexpr double kFull = 1.0;  // of the colours [px]
   std::vector<web::Row> rows;
   web::Row head{"row \\ column"};
@@ -97,7 +95,7 @@ void addCells(web::Report& report, const MissionCheck& c) {
         rows.back().emplace_back("few");
     }
   }
-  report.text("Median of each part of the left image [px]; red: the match lies below its epipolar line.");
+  report.text("Median of each part of the left image [px]; red: the match is below its epipolar line.");
   report.table(head, rows);
 }
 
@@ -110,7 +108,7 @@ web::Plot epipolarHistogram(const MissionCheck& c) {
                             decimals(c.epipolar.sigma, 3) + " px");
 }
 
-void addRanges(web::Report& report, const MissionCheck& c) {
+void addRanges(web::ReportPage& report, const MissionCheck& c) {
   if (c.range_samples.empty()) return;
   using Kind = web::Series::Kind;
   const auto n = static_cast<double>(c.range_samples.size());
@@ -151,10 +149,10 @@ void addRanges(web::Report& report, const MissionCheck& c) {
 std::string angle(const MountEstimate& e, int axis) {
   if (!e.known) return "-";
   if (!std::isfinite(e.sigma(axis))) return "not observable";
-  return web::plusMinus(kDegrees * e.rotation(axis), kDegrees * e.sigma(axis), 2);
+  return web::plusMinus(kDegreesPerRadian * e.rotation(axis), kDegreesPerRadian * e.sigma(axis), 2);
 }
 
-void addMount(web::Report& report, const MissionCheck& c) {
+void addMount(web::ReportPage& report, const MissionCheck& c) {
   const auto& m = c.mount;
   std::vector<web::Row> rows;
   for (const auto& [name, estimate] :
@@ -165,8 +163,9 @@ void addMount(web::Report& report, const MissionCheck& c) {
       {"off mission.toml by [deg]", "roll (about forward)", "pitch (about starboard)", "yaw (about down)"},
       rows);
   report.text(std::to_string(m.steps) + " steps between consecutive images, " + decimals(m.travelled, 1) +
-              " m travelled, " + decimals(kDegrees * m.turned, 0) + " deg turned in all; scatter of a step " +
-              decimals(kDegrees * m.rotation_scatter, 2) + " deg and " + decimals(1e3 * m.middle_scatter, 1) +
+              " m travelled, " + decimals(kDegreesPerRadian * m.turned, 0) +
+              " deg turned in all; scatter of a step " + decimals(kDegreesPerRadian * m.rotation_scatter, 2) +
+              " deg and " + decimals(1e3 * m.middle_scatter, 1) +
               " mm. Displacements leave the angle about the direction of travel open; rotations leave open "
               "the angle about their own axis. Where the camera sits is taken from mission.toml. ± is one "
               "standard deviation of the scatter; a constant error of the compass's tilt is in the value.");
@@ -181,10 +180,10 @@ void addMount(web::Report& report, const MissionCheck& c) {
               shown(now.euler()) + " by this mission.");
 }
 
-web::Report pageOf(const MissionCheck& c, const MissionVerdict& verdict) {
-  web::Report report("Check of a rig on a mission", c.mission + ": " + std::to_string(c.pairs) + " pairs, " +
-                                                        std::to_string(c.matches) +
-                                                        " matches made without the calibration's help.");
+web::ReportPage missionPageOf(const MissionCheck& c, const MissionVerdict& verdict) {
+  web::ReportPage report("Check of a rig on a mission", c.mission + ": " + std::to_string(c.pairs) +
+                                                            " pairs, " + std::to_string(c.matches) +
+                                                            " matches made without the calibration's help.");
   for (const auto& l : verdict.lines) {
     const std::string line = std::string(nameOf(l.kind)) + ": " + l.text;
     l.kind == MissionVerdict::Line::Kind::kBad ? report.warning(line) : report.text(line);
@@ -194,7 +193,8 @@ web::Report pageOf(const MissionCheck& c, const MissionVerdict& verdict) {
   addCells(report, c);
   report.plot(epipolarHistogram(c));
   const auto turned = [&](int axis) {
-    return web::plusMinus(kDegrees * e.rotation(axis), kDegrees * e.rotation_sigma(axis), 4);
+    return web::plusMinus(kDegreesPerRadian * e.rotation(axis), kDegreesPerRadian * e.rotation_sigma(axis),
+                          4);
   };
   report.text("A right camera turned by pitch " + turned(0) + ", yaw " + turned(1) + ", roll " + turned(2) +
               " deg (about its x, y, z) explains the pattern best and leaves " + decimals(e.sigma_after, 3) +
@@ -213,8 +213,8 @@ web::Report pageOf(const MissionCheck& c, const MissionVerdict& verdict) {
 
 void writeMissionCheck(const std::filesystem::path& folder, const MissionCheck& check,
                        const MissionVerdict& verdict) {
-  pageOf(check, verdict).write(folder / "mission-check.html");
-  writeFile(folder / "mission-check.json", toJson(check, verdict).dump(2) + "\n");
+  missionPageOf(check, verdict).write(folder / "mission-check.html");
+  writeFile(folder / "mission-check.json", missionJson(check, verdict).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
 
 namespace fathom::topside {
@@ -10,13 +10,12 @@ namespace {
 
 using Kind = MissionVerdict::Line::Kind;
 
-constexpr double kDegrees = 180.0 / std::numbers::pi;
-constexpr double kCertain = 3;                // standard deviations
-constexpr double kMaxRange = 0.03;            // of the ranges; sound speed and tilt account for about 1 %
-constexpr double kTooUncertain = 0.06;        // three standard deviations of the ranges' ratio
-constexpr double kMaxSpeed = 0.02;            // of the distance travelled; a DVL is good to 0.5 %
-constexpr double kMaxMount = 1.0 / kDegrees;  // [rad]: moves the seafloor's map by 3.5 cm at 2 m
-const char* const kAxes[3] = {"roll (about forward)", "pitch (about starboard)", "yaw (about down)"};
+constexpr double kCertain = 3;          // standard deviations
+constexpr double kMaxRange = 0.03;      // of the ranges; sound speed and tilt account for about 1 %
+constexpr double kTooUncertain = 0.06;  // three standard deviations of the ranges' ratio
+constexpr double kMaxSpeed = 0.02;      // of the distance travelled; a DVL is good to 0.5 %
+constexpr double kMaxMount = 1.0 / kDegreesPerRadian;  // [rad]: moves the seafloor's map by 3.5 cm at 2 m
+const char* const kTurnNames[3] = {"roll (about forward)", "pitch (about starboard)", "yaw (about down)"};
 
 std::string pm(double value, double sigma, int digits) {
   return decimals(value, digits) + " +- " + decimals(sigma, digits);
@@ -39,7 +38,7 @@ void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
     text += ": the rig has moved; calibrate again. A right camera turned by";
     const char* const names[3] = {" pitch ", ", yaw ", ", roll "};
     for (int i = 0; i < 3; ++i)
-      text += names[i] + pm(kDegrees * e.rotation(i), kDegrees * e.rotation_sigma(i), 4);
+      text += names[i] + pm(kDegreesPerRadian * e.rotation(i), kDegreesPerRadian * e.rotation_sigma(i), 4);
     text += " deg, with focal lengths " + pm(100 * e.focal, 100 * e.focal_sigma, 3) +
             " % longer against the left one's, would explain it, but for " + decimals(e.sigma_after, 2) +
             " px a match";
@@ -63,7 +62,7 @@ void judgeRange(const MissionCheck& check, MissionVerdict& out) {
   if (r.line_known)
     text += "; scale " + pm(r.scale, r.scale_sigma, 4) + ", offset " + pm(r.offset, r.offset_sigma, 3) + " m";
   else
-    text += "; scale and offset cannot be told apart at one altitude";
+    text += "; scale and offset cannot be distinguished at one altitude";
   constexpr double kRefraction = 1.33, kNear = 0.06;  // index of sea water
   if (bad && (std::abs(r.ratio * kRefraction - 1) < kNear || std::abs(r.ratio / kRefraction - 1) < kNear))
     text += ": as of a flat port whose refraction one side leaves out (mission.toml says " + check.port +
@@ -81,7 +80,7 @@ void judgeSpeed(const MissionCheck& check, MissionVerdict& out) {
   std::string text =
       "distance seen is " + pm(m.speed_ratio, m.speed_ratio_sigma, 4) + " of the DVL's (allowed 1 +- 0.02)";
   if (hasMoved(check.epipolar)) {
-    out.lines.push_back({Kind::kOpen, text + ": not to be trusted while the rig has moved"});
+    out.lines.push_back({Kind::kOpen, text + ": not reliable while the rig has moved"});
     return;
   }
   if (kind == Kind::kBad) text += ": the baseline's length or the speed of sound is wrong";
@@ -100,13 +99,14 @@ void judgeMount(const MissionCheck& check, MissionVerdict& out) {
     if (!std::isfinite(sigma) || kCertain * sigma > 3 * kMaxMount) {
       out.lines.push_back(
           {Kind::kOpen,
-           std::string("camera's ") + kAxes[i] + " is not observable from this mission: " +
-               (i == 0 ? "turns, or rolling, would show it" : "a straight line with way on would show it")});
+           std::string("camera's ") + kTurnNames[i] + " is not observable from this mission: " +
+               (i == 0 ? "turns, or rolling, would show it" : "a straight line at speed would show it")});
       continue;
     }
     const Kind kind = kindOf(angle, sigma, kMaxMount);
-    std::string text = std::string("camera's ") + kAxes[i] + " against DVL and compass is " +
-                       pm(kDegrees * angle, kDegrees * sigma, 2) + " deg off mission.toml's (allowed 1)";
+    std::string text = std::string("camera's ") + kTurnNames[i] + " against DVL and compass is " +
+                       pm(kDegreesPerRadian * angle, kDegreesPerRadian * sigma, 2) +
+                       " deg off mission.toml's (allowed 1)";
     if (kind == Kind::kBad) text += ": correct extrinsics.T_body_cam";
     if (kind == Kind::kOpen) text += ": too uncertain to tell; fly longer, with turns";
     out.lines.push_back({kind, text});

@@ -8,9 +8,9 @@
 #include <opencv2/features2d.hpp>
 #include <utility>
 
-#include "realtime/kernel/progress.hpp"
-#include "recon/geometry/union_find.hpp"
-#include "recon/topside/input/images/loose_pair.hpp"
+#include "realtime/base/numbers/union_find.hpp"
+#include "realtime/base/progress.hpp"
+#include "recon/import/images/loose_pair.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -148,7 +148,7 @@ calibration::RigTracks findTracks(const BoardImageOptions& options, std::size_t 
     for (const auto& [a, b] : matches[k])
       places.join(static_cast<std::uint32_t>(first[wanted[k].first]) + static_cast<std::uint32_t>(a),
                   static_cast<std::uint32_t>(first[wanted[k].second]) + static_cast<std::uint32_t>(b));
-  std::vector<calibration::Track> tracks(first.back());
+  std::vector<calibration::RigTrack> tracks(first.back());
   std::vector<bool> wrong(first.back(), false);
   for (std::size_t i = 0; i < images.size(); ++i)
     for (std::size_t k = 0; k < images[i].points.size(); ++k) {

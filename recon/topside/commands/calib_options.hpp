@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "recon/topside/input/calibration/calibration.hpp"
+#include "recon/import/calibration/calibration.hpp"
 
 namespace fathom::topside {
 

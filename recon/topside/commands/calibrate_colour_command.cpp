@@ -4,22 +4,22 @@
 #include <cstdio>
 #include <memory>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "recon/geometry/colour.hpp"
 #include "recon/topside/calibration/chart_images.hpp"
 
 namespace fathom::topside {
 namespace {
 
-struct Options {
+struct CalibrateColourOptions {
   std::vector<std::filesystem::path> images;
   std::vector<double> corners;
   std::string format = "auto";
   std::filesystem::path out;
 };
 
-int run(const Options& o) {
+int calibrateColour(const CalibrateColourOptions& o) {
   std::optional<ChartCorners> corners;
   if (!o.corners.empty()) {
     if (o.images.size() != 1) throw InputError("--corners", "", "are of one image; give one");
@@ -51,7 +51,7 @@ int run(const Options& o) {
 }  // namespace
 
 std::function<int()> addCalibrateColourCommand(CLI::App& app, CLI::App*& command) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CalibrateColourOptions>();
   command = app.add_subcommand("calibrate-colour",
                                "a camera's colours from photographs of a chart of 24 patches, in water");
   command->footer("Example: fathom-topside calibrate-colour chart.tif --out stereo.calib.colour");
@@ -71,7 +71,7 @@ std::function<int()> addCalibrateColourCommand(CLI::App& app, CLI::App*& command
       ->add_option("--out", options->out,
                    "file to write; beside stereo.calib as stereo.calib.colour it is used by itself")
       ->required();
-  return [options] { return run(*options); };
+  return [options] { return calibrateColour(*options); };
 }
 
 }  // namespace fathom::topside

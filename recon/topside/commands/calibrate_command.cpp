@@ -4,15 +4,15 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <numbers>
 #include <tuple>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/geometry/flat_port.hpp"
+#include "recon/import/calibration/calibration.hpp"
 #include "recon/topside/calibration/rig_tracks.hpp"
 #include "recon/topside/commands/sample_options.hpp"
-#include "recon/topside/input/calibration/calibration.hpp"
 #include "recon/topside/report/calibration_report.hpp"
 
 namespace fathom::topside {
@@ -80,7 +80,7 @@ std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
       if (camera->port)
         std::printf("%s port: %.1f +- %.1f mm before the camera, tilted by %.2f deg\n", side,
                     1e3 * camera->port->distance, 1e3 * sigma->distance,
-                    std::acos(std::min(1.0, camera->port->normal.z())) * 180 / std::numbers::pi);
+                    radiansToDegrees(std::acos(std::min(1.0, camera->port->normal.z()))));
     std::printf("%s written; report: %s.html, %s.json\n", options->out.c_str(), options->out.c_str(),
                 options->out.c_str());
     return static_cast<int>(kExitSuccess);
@@ -139,7 +139,7 @@ calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
     throw InputError("--out", options.out.string(), "is a folder; name a file, such as stereo.calib");
   if (options.out.has_parent_path() && !std::filesystem::is_directory(options.out.parent_path(), error))
     throw InputError("--out", options.out.string(),
-                     "lies in no folder; make " + options.out.parent_path().string() + " first");
+                     "is in no folder; make " + options.out.parent_path().string() + " first");
   if (!options.air.empty()) (void)readCalibration(options.air, {});
   constexpr std::size_t kMostPairs = 40;  // of a dive; more tell little that is new
   calibration::SelfCalibrationConfig self;

@@ -6,7 +6,7 @@
 
 #include "recon/calibration/port_calibration.hpp"
 #include "recon/calibration/rig_calibration.hpp"
-#include "recon/topside/input/images/board_images.hpp"
+#include "recon/import/images/board_images.hpp"
 
 namespace fathom::topside {
 

@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <memory>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
 #include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/calibrate_command.hpp"
@@ -14,7 +14,7 @@ namespace {
 
 struct CheckOptions {
   BoardOptions board;
-  std::filesystem::path calib, out, mended;
+  std::filesystem::path calib, out, corrected;
   std::optional<double> calib_unit;
   std::size_t pairs = 200;
 };
@@ -82,9 +82,10 @@ int checkOnMission(const CheckOptions& options) {
     writeMissionCheck(options.out, check, verdict);
     std::printf("report: %s\n", (options.out / "mission-check.html").c_str());
   }
-  if (!options.mended.empty()) {
-    writeStereoCalib(options.mended, calibration::changed(check.rig, check.epipolar.rotation, check.epipolar.focal));
-    std::printf("mended calibration: %s\n", options.mended.c_str());
+  if (!options.corrected.empty()) {
+    writeStereoCalib(options.corrected,
+                     calibration::changed(check.rig, check.epipolar.rotation, check.epipolar.focal));
+    std::printf("corrected calibration: %s\n", options.corrected.c_str());
   }
   return verdict.good ? kExitSuccess : kExitFailedWork;
 }
@@ -102,7 +103,7 @@ std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& comman
   addBoardOptions(*command, options->board);
   addCalibOptions(*command, options->calib, options->calib_unit, "to check (a mission: its own)");
   command->add_option("--out", options->out, "folder for the report: HTML, JSON, pictures");
-  command->add_option("--mended", options->mended,
+  command->add_option("--mended", options->corrected,
                       "of a mission: file for the calibration with the right camera as it stands now");
   command->add_option("--pairs", options->pairs, "of a mission that are looked at, in runs spread over it")
       ->check(CLI::Range(1, 1000000))

@@ -5,13 +5,13 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/topside/tiles/check/tile_check.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/products/tiles/check/tile_check.hpp"
 
 namespace fathom::topside {
 namespace {
 
-struct Options {
+struct CheckTilesOptions {
   std::filesystem::path folder;
   bool json = false;
 };
@@ -51,7 +51,7 @@ void printJson(const TileCheck& check) {
 }  // namespace
 
 std::function<int()> addCheckTilesCommand(CLI::App& app, CLI::App*& command) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CheckTilesOptions>();
   command = app.add_subcommand("check-tiles", "whether a model's tiles are whole and join without cracks");
   command->footer("Example: fathom-topside check-tiles missions/reef-grid/topside");
   command->add_option("folder", options->folder, "with tileset.json, or with tiles/tileset.json")->required();

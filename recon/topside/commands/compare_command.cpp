@@ -5,18 +5,18 @@
 #include <memory>
 #include <string_view>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/files/output_folder.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/compare/compare.hpp"
-#include "recon/geometry/output_folder.hpp"
 #include "recon/topside/report/compare_report.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr std::array<std::string_view, 6> kOurs = {"difference.tif", "difference.png", "survey.png",
-                                                   "reference.png",  "compare.json",   "compare.html"};
+constexpr std::array<std::string_view, 6> kCompareFiles = {
+    "difference.tif", "difference.png", "survey.png", "reference.png", "compare.json", "compare.html"};
 
 std::filesystem::path defaultFolder(const std::filesystem::path& survey) {
   const std::filesystem::path whole = std::filesystem::absolute(survey).lexically_normal();
@@ -74,7 +74,7 @@ std::function<int()> addCompareCommand(CLI::App& app, CLI::App*& command) {
     compare::CompareOptions& options = state->options;
     options.registration.horizontal = !state->no_shift;
     if (options.out.empty()) options.out = defaultFolder(options.survey);
-    OutputFolder folder(options.out, kOurs);
+    OutputFolder folder(options.out, kCompareFiles);
     const compare::Comparison comparison = compare::compareSurfaces(options);
     writeComparison(comparison, folder.path());
     folder.commit();

@@ -12,7 +12,7 @@ namespace fathom::topside {
 // what to run once the command line has been parsed.
 [[nodiscard]] std::function<int()> addCompareCommand(CLI::App& app, CLI::App*& command);
 
-// Where the nav frame of a mesh lies: what stands beside it says so, or the mission folder that it is in.
+// Where the nav frame of a mesh is: what stands beside it says so, or the mission folder that it is in.
 [[nodiscard]] compare::PlaneFrame frameBeside(const std::filesystem::path& mesh);
 
 }  // namespace fathom::topside

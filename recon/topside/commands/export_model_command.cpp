@@ -4,19 +4,19 @@
 #include <filesystem>
 #include <memory>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/products/exports/colmap_model.hpp"
+#include "recon/products/exports/model_glb.hpp"
+#include "recon/products/exports/model_las.hpp"
+#include "recon/products/exports/nerfstudio_scene.hpp"
+#include "recon/products/exports/orthomosaic.hpp"
+#include "recon/products/exports/qgis_project.hpp"
+#include "recon/products/exports/results_files.hpp"
+#include "recon/products/exports/survey_geopackage.hpp"
+#include "recon/products/tiles/model_file.hpp"
+#include "recon/topside/assemble/sparse_model_input.hpp"
 #include "recon/topside/commands/run_settings.hpp"
 #include "recon/topside/config/thread_limit.hpp"
-#include "recon/topside/exports/colmap_model.hpp"
-#include "recon/topside/exports/model_glb.hpp"
-#include "recon/topside/exports/model_las.hpp"
-#include "recon/topside/exports/nerfstudio_scene.hpp"
-#include "recon/topside/exports/orthomosaic.hpp"
-#include "recon/topside/exports/qgis_project.hpp"
-#include "recon/topside/exports/results_files.hpp"
-#include "recon/topside/exports/sparse_model_input.hpp"
-#include "recon/topside/exports/survey_geopackage.hpp"
-#include "recon/topside/tiles/model_file.hpp"
 #include "recon/topside/work/repair.hpp"
 
 namespace fathom::topside {
@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct ExportModelOptions {
   fs::path folder, ply, obj, glb, las, gpkg, ortho, qgis, colmap, nerfstudio;
   std::string crs;
   double contours = 0, cell = 0;
@@ -62,7 +62,7 @@ fs::path missionOf(const fs::path& folder) {
 }
 
 // As it was asked for, or the zone of UTM of the dive's origin; empty for a dive without a position.
-std::string crsOf(const Options& options) {
+std::string crsOf(const ExportModelOptions& options) {
   (void)frameNamed(options.crs);
   const auto origin = originOf(resultsOf(options.folder));
   if (origin) return options.crs.empty() ? utmOf(*origin) : options.crs;
@@ -74,7 +74,7 @@ std::string crsOf(const Options& options) {
 
 constexpr const char* kNowhere = "metres of the dive's own, in no coordinate reference system";
 
-void exportTiles(const Options& options) {
+void exportTiles(const ExportModelOptions& options) {
   const fs::path tiles = tilesOf(options.folder);
   const std::vector<TileId> ids = tilesOfLevel(tiles, options.level);
   if (ids.empty())
@@ -94,7 +94,7 @@ void exportTiles(const Options& options) {
                                     crsOf(options)));
 }
 
-void exportMaps(const Options& options) {
+void exportMaps(const ExportModelOptions& options) {
   const fs::path results = resultsOf(options.folder);
   const std::string crs = crsOf(options);
   if (!options.gpkg.empty()) {
@@ -112,7 +112,7 @@ void exportMaps(const Options& options) {
   }
 }
 
-void exportCameras(Options& options) {
+void exportCameras(ExportModelOptions& options) {
   const TopsideConfig config = configOf(options.run);
   const ThreadLimit limit(config);
   RunPlaces& places = options.run.places;
@@ -146,7 +146,7 @@ void exportCameras(Options& options) {
   }
 }
 
-int run(Options& options) {
+int exportModel(ExportModelOptions& options) {
   if (options.contours > 0 && options.gpkg.empty() && options.qgis.empty())
     throw InputError("--contours", "", "are part of a GeoPackage; give --gpkg or --qgis");
   if (!options.ofTiles() && !options.ofMaps() && !options.ofCameras())
@@ -162,7 +162,7 @@ int run(Options& options) {
 }  // namespace
 
 std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
-  const auto o = std::make_shared<Options>();
+  const auto o = std::make_shared<ExportModelOptions>();
   command = app.add_subcommand("export-model", "a finished run's model, maps and cameras for other tools");
   command->footer(
       "Example: fathom-topside export-model missions/reef-grid --glb model.glb\n"
@@ -201,7 +201,7 @@ std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   cameras.add_option("--nerfstudio", o->nerfstudio, "folder for transforms.json and points.ply");
   addPoseSettings(*command->add_option_group("Settings of the run", "as they were given to it, for cameras"),
                   o->run);
-  return [o] { return run(*o); };
+  return [o] { return exportModel(*o); };
 }
 
 }  // namespace fathom::topside

@@ -13,20 +13,20 @@
 #include <sstream>
 #include <string>
 
-#include "realtime/kernel/heap_counter.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/rigid_alignment.hpp"
-#include "recon/slam/batch_solver.hpp"
-#include "recon/slam/g2o_file.hpp"
-#include "recon/slam/pose_replay.hpp"
-#include "recon/topside/work/stage_times.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
+#include "recon/geometry/se3.hpp"
+#include "recon/solver/batch/batch_solver.hpp"
+#include "recon/solver/batch/g2o_file.hpp"
+#include "recon/solver/incremental/pose_replay.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct Options {
+struct PosegraphOptions {
   std::filesystem::path file, out, truth;
   bool json = false, details = false, incremental = false, nearest_positive = false;
 };
@@ -53,7 +53,7 @@ std::vector<Eigen::Vector3d> readTruth(const std::filesystem::path& path, std::s
   for (std::size_t i = 1; i < poses; ++i) {
     if (!chain[i])
       throw InputError(path.string(), "EDGE3",
-                       "says nothing of the way from pose " + std::to_string(i - 1) + " to the next");
+                       "says nothing of the motion from pose " + std::to_string(i - 1) + " to the next");
     pose = pose * *chain[i];
     places.push_back(pose.translation());
   }
@@ -87,7 +87,7 @@ Json timesOf(std::vector<double> ms) {
           {"max", at(1)}};
 }
 
-// What both ways of solving report, in this order.
+// What both solvers report, in this order.
 Json reportOf(double chi2, std::size_t poses, const std::vector<double>& step_ms, std::uint64_t heap_calls,
               std::size_t memory_bytes, double seconds) {
   const double steps = static_cast<double>(step_ms.size());
@@ -108,7 +108,7 @@ double threadMilliseconds() {
 }
 
 // Pose by pose, as they would have come on board; the file's poses are not used, but for the first.
-int runIncremental(const Options& options, slam::PoseGraph& graph,
+int runIncremental(const PosegraphOptions& options, slam::PoseGraph& graph,
                    const std::vector<Eigen::Vector3d>& truth) {
   slam::IncrementalConfig config;
   config.max_poses = std::max(1, static_cast<int>(graph.poses.size()));
@@ -156,7 +156,7 @@ int runIncremental(const Options& options, slam::PoseGraph& graph,
   return kExitSuccess;
 }
 
-int runPosegraph(const Options& options) {
+int runPosegraph(const PosegraphOptions& options) {
   int made_positive = 0;
   slam::PoseGraph graph = slam::readG2o(options.file, options.nearest_positive ? &made_positive : nullptr);
   if (made_positive > 0)
@@ -207,7 +207,7 @@ int runPosegraph(const Options& options) {
 }  // namespace
 
 std::function<int()> addPosegraphCommand(CLI::App& app, CLI::App*& command) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<PosegraphOptions>();
   command = app.add_subcommand("posegraph", "optimise a graph of 3D poses in g2o's form");
   command->footer("Example: fathom-topside posegraph graph.g2o --out optimised.g2o");
   command->add_option("file", options->file, "g2o file: VERTEX_SE3:QUAT, EDGE_SE3:QUAT")->required();

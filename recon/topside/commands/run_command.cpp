@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <memory>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/commands/run_settings.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/pipeline.hpp"
@@ -13,7 +13,7 @@
 namespace fathom::topside {
 namespace {
 
-struct Options {
+struct RunOptions {
   RunSettings run;
   std::string only, items;
   bool list = false, check = false;
@@ -55,7 +55,7 @@ int check(const RunPlaces& places, const TopsideConfig& config) {
   return found.unreadable.size() == found.looked ? kExitBadInput : kExitSuccess;
 }
 
-int runAll(Options& o) {
+int runAll(RunOptions& o) {
   const TopsideConfig config = configOf(o.run);
   if (o.check) return check(o.run.places, config);
   if (!o.only.empty() && o.only != "assemble") {
@@ -77,8 +77,8 @@ int runAll(Options& o) {
 
 }  // namespace
 
-std::vector<Command> addRunCommands(CLI::App& app) {
-  const auto o = std::make_shared<Options>();
+std::vector<RunCommand> addRunCommands(CLI::App& app) {
+  const auto o = std::make_shared<RunOptions>();
   CLI::App* run = app.add_subcommand("run", "from a recorded dive to a model that people explore");
   run->footer("Example: fathom-topside run missions/reef-grid --jobs 2");
   addRunSettings(*run, o->run);

@@ -7,13 +7,13 @@
 namespace fathom::topside {
 
 // A command and what runs it.
-struct Command {
+struct RunCommand {
   CLI::App* app = nullptr;
   std::function<int()> run;
 };
 
 // `fathom-topside run`, `stage` and `plan`: a whole dive, one of its stages, and of how many items these
 // consist.
-[[nodiscard]] std::vector<Command> addRunCommands(CLI::App& app);
+[[nodiscard]] std::vector<RunCommand> addRunCommands(CLI::App& app);
 
 }  // namespace fathom::topside

@@ -1,7 +1,6 @@
 #include "recon/topside/commands/run_settings.hpp"
 
-#include <numbers>
-
+#include "realtime/base/units.hpp"
 #include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 
@@ -41,7 +40,7 @@ void addPoseSettings(CLI::App& command, RunSettings& s) {
       ->check(CLI::Range(0.001, 10000.0));
   command.add_option("--nav-offset", nav.offset, "added to its times to get those of the images [s] (0)");
   command.add_option_function<double>(
-      "--declination", [&nav](double degrees) { nav.declination = degrees * std::numbers::pi / 180; },
+      "--declination", [&nav](double degrees) { nav.declination = degreesToRadians(degrees); },
       "of its headings from magnetic north, east positive [deg] (0)");
   command
       .add_option("--mount", input.mount,

@@ -3,7 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
-#include "recon/topside/input/images/image_samples.hpp"
+#include "recon/import/images/image_samples.hpp"
 
 namespace fathom::topside {
 

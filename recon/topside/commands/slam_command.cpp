@@ -6,14 +6,14 @@
 #include <memory>
 #include <string_view>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/files/output_folder.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/closure/candidates.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/output_folder.hpp"
 #include "recon/topside/commands/run_settings.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/dive.hpp"
-#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/input/navigation_seed_plane.hpp"
 #include "recon/topside/report/consistency.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
@@ -24,12 +24,12 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::array<std::string_view, 6> kOurs = {"stereo_pose_est.data",
-                                                   "vehicle_pose_est.data",
-                                                   "closures.csv",
-                                                   "pose_covariances.csv",
-                                                   "slam.html",
-                                                   "slam.json"};
+constexpr std::array<std::string_view, 6> kSlamFiles = {"stereo_pose_est.data",
+                                                        "vehicle_pose_est.data",
+                                                        "closures.csv",
+                                                        "pose_covariances.csv",
+                                                        "slam.html",
+                                                        "slam.json"};
 
 void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
   // Bad input leaves no folders behind.
@@ -38,7 +38,7 @@ void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
   if (input.given_poses)
     throw InputError(places.mission.string(), "stereo_pose_est.data",
                      "gives the poses: there is nothing to localise");
-  OutputFolder out(places.out.empty() ? places.mission / "slam" : places.out, kOurs);
+  OutputFolder out(places.out.empty() ? places.mission / "slam" : places.out, kSlamFiles);
   StageStore store(places.work.empty() ? places.mission / "topside.work" : places.work,
                    StageStore::Access::kAlone);
   RunProgress progress(expectedShareUpTo(Stage::kLocalise));

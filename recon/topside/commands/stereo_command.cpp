@@ -7,22 +7,22 @@
 #include <optional>
 #include <string>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/ply_writer.hpp"
+#include "recon/import/images/loose_pair.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/seed_plane.hpp"
 #include "recon/topside/commands/calib_options.hpp"
 #include "recon/topside/commands/sample_options.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/images/loose_pair.hpp"
 #include "recon/topside/report/stereo_output.hpp"
-#include "recon/topside/work/stage_times.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 namespace {
 
-struct Options {
+struct StereoOptions {
   std::filesystem::path calib, left, right, out, points, picture, config;
   std::optional<double> altitude, calib_unit;
   std::optional<int> features;
@@ -38,11 +38,11 @@ void requireFolder(const char* option, const std::filesystem::path& file) {
     throw InputError(option, file.string(), "is a folder; name a file");
   if (file.has_parent_path() && !std::filesystem::is_directory(file.parent_path(), error))
     throw InputError(option, file.string(),
-                     "lies in no folder; make " + file.parent_path().string() + " first");
+                     "is in no folder; make " + file.parent_path().string() + " first");
 }
 
 // The rig; its image sizes from the images where the calibration gives none.
-StereoRig readRig(const Options& options) {
+StereoRig readRig(const StereoOptions& options) {
   Calibration calibration = readCalibration(options.calib, options.calib_unit);
   if (!calibration.about.empty()) std::fprintf(stderr, "calibration: %s\n", calibration.about.c_str());
   StereoRig& rig = calibration.rig;
@@ -67,7 +67,7 @@ stereo::SeedPlane findPlane(const StereoRig& rig, const stereo::SparseStereoConf
       " m; give --altitude, and see that the images belong to one another and to the calibration");
 }
 
-int runStereo(const Options& options) {
+int runStereo(const StereoOptions& options) {
   requireFolder("--out", options.out);
   requireFolder("--points", options.points);
   requireFolder("--picture", options.picture);
@@ -125,7 +125,7 @@ int runStereo(const Options& options) {
 }  // namespace
 
 std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<StereoOptions>();
   command = app.add_subcommand("stereo", "one pair of images to a mesh, points and a picture of depth");
   command->footer(
       "Example: fathom-topside stereo --calib stereo.calib left.tif right.tif --out mesh.ply --picture "

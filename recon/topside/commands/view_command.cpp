@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/topside/viewer/dive_server.hpp"
 
 namespace fathom::topside {
@@ -13,12 +13,12 @@ namespace {
 
 constexpr int kDefaultPort = 8090;
 
-struct Options {
+struct ViewOptions {
   std::filesystem::path folder, page;
   int port = kDefaultPort;
 };
 
-int runView(const Options& options) {
+int runView(const ViewOptions& options) {
   // Blocked before the server's threads begin, so that the signal comes here.
   sigset_t signals;
   sigemptyset(&signals);
@@ -40,7 +40,7 @@ int runView(const Options& options) {
 }  // namespace
 
 std::function<int()> addViewCommand(CLI::App& app, CLI::App*& command) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ViewOptions>();
   command = app.add_subcommand("view", "open a dive's output in the browser");
   command->footer("Example: fathom-topside view missions/reef-grid");
   command->add_option("folder", options->folder, "output folder, or the mission folder around it")

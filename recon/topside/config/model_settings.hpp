@@ -6,8 +6,8 @@
 
 #include "recon/fusion/space_division.hpp"
 #include "recon/geometry/tile_grid.hpp"
+#include "recon/products/tiles/picture_codec.hpp"
 #include "recon/surface/blend.hpp"
-#include "recon/topside/tiles/picture_codec.hpp"
 
 namespace fathom::topside {
 

@@ -1,8 +1,8 @@
 #include "recon/topside/config/topside_config.hpp"
 
-#include "realtime/kernel/config_table.hpp"
-#include "recon/slam/navigation_config.hpp"
-#include "recon/stereo/stereo_config.hpp"
+#include "realtime/base/config_table.hpp"
+#include "recon/navigation/graph/navigation_config.hpp"
+#include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::topside {
 namespace {

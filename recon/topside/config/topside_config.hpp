@@ -5,7 +5,7 @@
 
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/lighting/lighting_model.hpp"
-#include "recon/slam/navigation_graph.hpp"
+#include "recon/navigation/graph/navigation_graph.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/config/model_settings.hpp"
@@ -21,7 +21,7 @@ struct TopsideConfig {
   stereo::SparseStereoConfig stereo;
   bool dense_stereo = false;  // semi-global matching instead of corners
   stereo::DenseStereoConfig dense;
-  bool mend_rig = true;  // where matches lie off their epipolar lines, the rig as the dive shows it
+  bool mend_rig = true;  // where matches are off their epipolar lines, the rig as the dive shows it
   int min_points = 20;   // a pair with fewer stereo points is left out
 
   bool slam = true;                   // loop closures and visual odometry; false: dead reckoning

@@ -3,10 +3,10 @@
 #include <cmath>
 #include <map>
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/topside/input/calibration/calibration.hpp"
-#include "recon/topside/input/images/image_probe.hpp"
-#include "recon/topside/input/images/stereo_files.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/import/calibration/calibration.hpp"
+#include "recon/import/images/image_probe.hpp"
+#include "recon/import/images/stereo_files.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
-#include "recon/topside/input/images/image_samples.hpp"
+#include "recon/import/images/image_pairs.hpp"
+#include "recon/import/images/image_samples.hpp"
 #include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {

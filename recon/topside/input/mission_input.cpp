@@ -2,18 +2,18 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <numbers>
 #include <set>
 #include <variant>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/colour_matrix.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/colour.hpp"
 #include "recon/geometry/flat_port.hpp"
-#include "recon/topside/input/calibration/calibration.hpp"
-#include "recon/topside/input/images/image_probe.hpp"
+#include "recon/import/calibration/calibration.hpp"
+#include "recon/import/images/image_probe.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;
@@ -30,7 +30,7 @@ fs::path folderHolding(const fs::path& root, const std::string& image) {
   if (found.size() == 1) return *found.begin();
   throw InputError(root.string(), image,
                    found.empty() ? "is neither here nor one folder below"
-                                 : "lies in several folders; give one of them, or link them into img/");
+                                 : "is in several folders; give one of them, or link them into img/");
 }
 
 std::string about(PixelFormat format) {
@@ -51,7 +51,7 @@ std::vector<std::array<std::string, 2>> namedByLog(const io::MissionPaths& paths
   return pairs;
 }
 
-// Where the log of a dive says that it was.
+// Origin of nav near the log's first GPS or USBL fix, rounded to 0.01 degrees; none without fixes.
 std::optional<Geodetic> firstFix(const io::MissionPaths& paths) {
   io::SensorLogReader reader(paths.root);
   while (const auto entry = reader.next()) {
@@ -63,7 +63,7 @@ std::optional<Geodetic> firstFix(const io::MissionPaths& paths) {
   return {};
 }
 
-// The mission's folder, or, where images lie outside, the nearest one above it and all of them.
+// Deepest folder that contains the mission's folder and all images.
 fs::path folderOfAll(const fs::path& mission, const std::vector<StereoFilePair>& pairs) {
   fs::path folder = asNamed(mission / "").parent_path();
   for (const StereoFilePair& pair : pairs)
@@ -101,7 +101,6 @@ std::vector<std::array<std::string, 2>> findImages(MissionInput& in, StereoFileO
 // A camera at the vehicle's reference point that looks straight down, top of the image forward (x of the
 // camera to starboard, y aft), turned and shifted as the option says.
 SE3 mountOf(const std::vector<double>& mount) {
-  constexpr double kDegree = std::numbers::pi / 180;
   Eigen::Matrix3d down;
   down << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   const SE3 looks_down(down, Eigen::Vector3d::Zero());
@@ -111,7 +110,9 @@ SE3 mountOf(const std::vector<double>& mount) {
                      "give roll,pitch,heading in degrees, or these and x,y,z in metres");
   const Eigen::Vector3d place =
       mount.size() == 6 ? Eigen::Vector3d(mount[3], mount[4], mount[5]) : Eigen::Vector3d::Zero();
-  return SE3::fromEuler(mount[0] * kDegree, mount[1] * kDegree, mount[2] * kDegree, place) * looks_down;
+  return SE3::fromEuler(mount[0] * kRadiansPerDegree, mount[1] * kRadiansPerDegree,
+                        mount[2] * kRadiansPerDegree, place) *
+         looks_down;
 }
 
 void takeNavFiles(MissionInput& in, const NavFileOptions& options) {
@@ -161,10 +162,9 @@ void assumeMission(MissionInput& in, const InputOptions& options) {
     origin = originNear(*first);
   in.placed = origin.has_value();
   m.origin = origin.value_or(m.origin);
-  constexpr double kDegree = std::numbers::pi / 180;
   note(in.placed
-           ? "nav's origin is " +
-                 formatted("%.2f N %.2f E", m.origin.latitude / kDegree, m.origin.longitude / kDegree)
+           ? "nav's origin is " + formatted("%.2f N %.2f E", m.origin.latitude / kRadiansPerDegree,
+                                            m.origin.longitude / kRadiansPerDegree)
            : "nobody says where on the Earth the dive was: it has metres of its own, and tables no latitude");
   if (in.navigated)
     note("declination and time offsets are 0");

@@ -7,15 +7,15 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/import/control_points.hpp"
+#include "recon/import/images/image_masks.hpp"
+#include "recon/import/images/image_samples.hpp"
+#include "recon/import/images/stereo_files.hpp"
+#include "recon/import/navigation/nav_data.hpp"
 #include "recon/topside/input/colour_cameras.hpp"
-#include "recon/topside/input/control/control_points.hpp"
-#include "recon/topside/input/images/image_masks.hpp"
-#include "recon/topside/input/images/image_samples.hpp"
-#include "recon/topside/input/images/stereo_files.hpp"
-#include "recon/topside/input/nav_files/nav_data.hpp"
 #include "recon/topside/input/region.hpp"
 #include "recon/topside/work/digest.hpp"
 
@@ -30,7 +30,7 @@ struct InputOptions {
   std::filesystem::path masks = {};    // of images; none: the folder's masks/, where there is one
   std::filesystem::path region = {};   // polygons that the model keeps to; none: the folder's region.geojson
   ColourCameraOptions colour = {};     // beside the pair
-  bool verify = false;  // images are told apart by content, not by name, size and time of change
+  bool verify = false;  // images are distinguished by content, not by name, size and time of change
   // Of a folder without mission.toml.
   StereoFileOptions files = {};                             // without images: those in the folder
   std::string left_format = "auto", right_format = "auto";  // of sampleNames()
@@ -40,12 +40,12 @@ struct InputOptions {
 };
 
 // A recorded dive and what is known about it: a mission folder, or images of any kind with a calibration and
-// with poses or a RAW.auv.
+// with poses, a RAW.auv, navigation tables or none of these.
 struct MissionInput {
   io::MissionPaths paths{""};
   io::MissionConfig mission;
   StereoRig rig;
-  std::optional<Eigen::Matrix3d> colours;  // of the left camera, to sRGB: see colour_matrix.hpp
+  std::optional<Eigen::Matrix3d> colours;  // of the left camera, to sRGB: see colour.hpp
   bool features_only = false;
   std::optional<io::StereoPoseFile> given_poses;
   std::optional<ControlPoints> control;
@@ -59,9 +59,9 @@ struct MissionInput {
   // they hold.
   bool described = true;
   bool navigated = true;            // by a log, or by poses that were given
-  std::optional<NavData> nav_data;  // beside images that are not
-  bool mounted = false;             // somebody said how the camera looks
-  bool placed = true;               // somebody said where on the Earth it was; else nav's origin is anywhere
+  std::optional<NavData> nav_data;  // of --nav files, when not `navigated`
+  bool mounted = false;             // --mount gives T_body_cam
+  bool placed = true;               // nav's origin is known on the Earth; else it is arbitrary
   std::optional<StereoFiles> files;
   std::array<Samples, 2> samples = {Samples::kAuto, Samples::kAuto};
   bool verify = false;
@@ -90,15 +90,15 @@ struct MissionInput {
   [[nodiscard]] Digest imageIdentity(const ImagePair& pair) const;
 };
 
-// Into the keys of results: the calibration and the mission's mounting and formats.
-// Of a folder that no mission.toml describes, to stderr, a line each.
+// Prints MissionInput::assumed to stderr, a line each.
 void sayAssumed(const MissionInput& input);
+// Adds calibration, mounting and formats to a result's key.
 void addRig(Hasher& hasher, const MissionInput& input);
 void addPose(Hasher& hasher, const SE3& pose);
 
-// Says on stderr what calibration it reads, where that is no stereo.calib.
-// Throws InputError for a folder without images or features, without calibration, or without mission.toml,
-// poses and RAW.auv.
+// What it assumed, calibration included, is in MissionInput::assumed; sayAssumed() prints it.
+// Throws InputError for a folder without images or features or without calibration, for a log without
+// mission.toml, and for inputs that contradict each other.
 [[nodiscard]] MissionInput openMission(const std::filesystem::path& folder, const InputOptions& options);
 
 }  // namespace fathom::topside

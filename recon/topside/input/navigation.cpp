@@ -9,22 +9,22 @@
 #include <utility>
 #include <variant>
 
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/geometry/geodesy.hpp"
-#include "recon/nav/position_anchor.hpp"
+#include "recon/navigation/dead_reckoning/position_anchor.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;
 // Fixes that state no error of their own [m].
 constexpr double kDefaultFixSigma = 5.0;
 // GPS errors last for minutes: of a vehicle at the surface, one fix in so long tells all, as on board.
-constexpr std::int64_t kGpsInterval = 60 * kSecond;
+constexpr std::int64_t kGpsInterval = 60 * kSecond_ns;
 
 std::int64_t shifted(std::int64_t utc_ns, double offset_s) {
-  return utc_ns + std::llround(offset_s * 1e9);
+  return utc_ns + rt::nanoseconds(offset_s);
 }
 
 // Reads the track out at ascending times while it is being reckoned: the history behind it is short.
@@ -226,7 +226,7 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
   std::vector<Fix> surfaced;
   if (!times.empty()) surfaced = takeSurfaced(fixes.gps, times.front());
   for (const std::int64_t t : times) out.poses.push_back({t, {}, {}, {}});
-  for (std::int64_t t = fixes.first_utc_ns; t <= fixes.last_utc_ns && fixes.first_utc_ns > 0; t += kSecond)
+  for (std::int64_t t = fixes.first_utc_ns; t <= fixes.last_utc_ns && fixes.first_utc_ns > 0; t += kSecond_ns)
     out.track.push_back({t, {}, {}, {}});
   std::vector<NavigatedPose> at_gps = wantedAt(fixes.gps), at_usbl = wantedAt(fixes.usbl),
                              at_surface = wantedAt(surfaced);

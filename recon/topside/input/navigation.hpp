@@ -5,15 +5,15 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "recon/geometry/se3.hpp"
-#include "recon/nav/dead_reckoning.hpp"
-#include "recon/nav/position_anchor.hpp"
+#include "recon/navigation/dead_reckoning/dead_reckoning.hpp"
+#include "recon/navigation/dead_reckoning/position_anchor.hpp"
 #include "recon/topside/config/topside_config.hpp"
 
 namespace fathom::topside {
 
-// Where odom's origin is in nav (north, east), and who said so. Rotation and depth are absolute already.
+// Where odom's origin is in nav (north, east), and by which source. Rotation and depth are absolute already.
 struct Anchor {
   std::string source = "none";  // "gps", "usbl", "gps and usbl", or "none": odom's origin is taken for nav's
   double north = 0, east = 0;   // [m]

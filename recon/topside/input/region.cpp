@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -63,10 +63,10 @@ Region::Region(const std::filesystem::path& file, const std::optional<Geodetic>&
   const auto takeRing = [&](const OGRLinearRing& from, Polygon& polygon) {
     Ring ring;
     for (const OGRPoint& point : from) {
-      constexpr double kDegree = std::numbers::pi / 180, kPole = 90, kRound = 360;
+      constexpr double kPole = 90, kRound = 360;
       Eigen::Vector2d place(point.getY(), point.getX());
       if (projection && std::abs(place.x()) <= kPole && std::abs(place.y()) <= kRound)
-        place = projection->toLocal({place.x() * kDegree, place.y() * kDegree});
+        place = projection->toLocal({place.x() * kRadiansPerDegree, place.y() * kRadiansPerDegree});
       else if (projection || !place.allFinite())
         throw InputError(file.string(), formatted("%g, %g", place.x(), place.y()),
                          "is no place on Earth; GeoJSON has longitudes, then latitudes");

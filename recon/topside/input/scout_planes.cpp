@@ -7,9 +7,9 @@
 #include <memory>
 #include <opencv2/core.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
-#include "recon/geometry/eight_bit_view.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/progress.hpp"
+#include "recon/geometry/image_view.hpp"
 #include "recon/stereo/seed_plane.hpp"
 
 namespace fathom::topside {

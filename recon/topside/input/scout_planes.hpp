@@ -3,10 +3,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "recon/import/images/image_pairs.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
-#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/input/navigation_seed_plane.hpp"
 
 namespace fathom::topside {
 

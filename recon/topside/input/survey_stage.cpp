@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "firmware_if/files/civil_time.hpp"
-#include "firmware_if/files/images/image_file.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "realtime/base/civil_time.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 
 namespace fathom::topside {
@@ -22,7 +23,7 @@ Survey fromPoses(const MissionInput& input) {
       throw InputError(input.paths.root.string(), "stereo_pose_est.data",
                        "pose " + std::to_string(pose.id) + " names no image files");
     NavigatedPose navigated;
-    navigated.utc_ns = std::llround(pose.utc_s * 1e9);
+    navigated.utc_ns = rt::nanoseconds(pose.utc_s);
     navigated.T_nav_body = pose.T_nav_cam * input.mission.T_body_cam.inverse();
     if (pose.altitude > 0) navigated.altitude = pose.altitude;
     survey.list.pairs.push_back({navigated.utc_ns, pose.left_image, pose.right_image});

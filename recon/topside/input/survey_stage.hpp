@@ -1,10 +1,10 @@
 #pragma once
 
+#include "recon/import/images/image_pairs.hpp"
+#include "recon/import/navigation/nav_data.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
-#include "recon/topside/input/nav_files/nav_data.hpp"
-#include "recon/topside/input/seed_plane.hpp"
+#include "recon/topside/input/navigation_seed_plane.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::stereo {

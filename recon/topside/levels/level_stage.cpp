@@ -4,8 +4,9 @@
 #include <cmath>
 
 #include "recon/surface/atlas.hpp"
+#include "recon/surface/bake.hpp"
 #include "recon/surface/simplify.hpp"
-#include "recon/topside/work/stage_times.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -21,7 +21,7 @@ using TilePlaces = std::map<TileId, std::shared_ptr<const WorkFile>>;
 [[nodiscard]] Digest levelKey(const TilePlaces& places, const std::vector<TileId>& children,
                               const TopsideConfig& config, const TileGrid& grid, double texel);
 
-// Joins a parent's children, simplifies them to the level's density, and draws their textures anew at its
+// Joins a parent's children, simplifies them to the level's density, and draws their textures again at its
 // texel. `texel`: of the finest level [m].
 Costs makeParent(const TilePlaces& places, const TileId& parent, const std::vector<TileId>& children,
                  const TopsideConfig& config, const TileGrid& grid, double texel, WorkFileWriter& file);

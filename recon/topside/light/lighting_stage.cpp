@@ -8,9 +8,9 @@
 #include <memory>
 #include <optional>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
-#include "recon/geometry/eight_bit_view.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/progress.hpp"
+#include "recon/geometry/image_view.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/light/camera_ranges.hpp"
 #include "recon/topside/work/saved_bytes.hpp"

@@ -1,7 +1,7 @@
 #include "recon/topside/light/pair_images.hpp"
 
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/eight_bit_view.hpp"
+#include "realtime/base/input_error.hpp"
+#include "recon/geometry/image_view.hpp"
 
 namespace fathom::topside {
 namespace {

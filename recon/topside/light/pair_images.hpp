@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "recon/geometry/colour_matrix.hpp"
-#include "recon/geometry/rgb_image.hpp"
+#include "recon/geometry/colour.hpp"
+#include "recon/geometry/image_view.hpp"
 #include "recon/geometry/stereo_rig.hpp"
+#include "recon/import/images/image_pairs.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/light/camera_ranges.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 

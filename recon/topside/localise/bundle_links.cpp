@@ -9,10 +9,10 @@
 #include <memory>
 #include <optional>
 
-#include "realtime/kernel/progress.hpp"
+#include "realtime/base/numbers/union_find.hpp"
+#include "realtime/base/progress.hpp"
 #include "recon/closure/patch_alignment.hpp"
-#include "recon/geometry/union_find.hpp"
-#include "recon/slam/sensor_factors.hpp"
+#include "recon/navigation/sensors/sensor_factors.hpp"
 #include "recon/topside/localise/link_matches.hpp"
 #include "recon/topside/work/stage_runner.hpp"
 
@@ -22,10 +22,10 @@ namespace {
 namespace tbb = oneapi::tbb;
 
 constexpr std::size_t kEnough = 120;    // points of a frame
-constexpr int kWindow = 15;             // of a patch [px]
+constexpr int kPatchWindow = 15;        // of a patch [px]
 constexpr double kMostShift = 3;        // of a feature to where the images have it [px]
 constexpr std::size_t kFewPoints = 12;  // two frames with fewer in common keep what joined them before
-constexpr double kSpan = 5;             // over which a plane's view is differenced [px]
+constexpr double kViewSpan = 5;         // over which a plane's view is differenced [px]
 
 struct Member {
   std::uint32_t frame, feature;
@@ -178,7 +178,7 @@ class Tracks {
   }
 
   void seeAgain(std::uint32_t frame, const ImageView& image) {
-    closure::PatchAligner aligner(kWindow);
+    closure::PatchAligner aligner(kPatchWindow);
     for (const auto& [t, i] : by_frame_[frame]) {
       if (i == 0) continue;
       slam::Bundle::Sighting& s = sightings_[t][i];
@@ -210,12 +210,12 @@ class Tracks {
       std::array<Eigen::Vector2d, 2> ends;
       for (const int side : {0, 1}) {
         const Eigen::Vector3d ray =
-            rig_.left.ray(pixel + (side == 0 ? -kSpan : kSpan) * Eigen::Vector2d::Unit(i));
+            rig_.left.ray(pixel + (side == 0 ? -kViewSpan : kViewSpan) * Eigen::Vector2d::Unit(i));
         const Eigen::Vector3d p = T_there_here * (ray * (plane->normal.dot(point) / plane->normal.dot(ray)));
         if (!(p.z() > 0)) return {};
         ends[static_cast<std::size_t>(side)] = rig_.left.project(p);
       }
-      there.col(i) = (ends[1] - ends[0]) / (2 * kSpan);
+      there.col(i) = (ends[1] - ends[0]) / (2 * kViewSpan);
     }
     const Eigen::Matrix2d here = there.inverse();
     if (!here.allFinite()) return {};

@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "recon/geometry/image_view.hpp"
-#include "recon/slam/bundle_adjustment.hpp"
-#include "recon/slam/navigation_batch.hpp"
-#include "recon/topside/input/seed_plane.hpp"
+#include "recon/navigation/graph/navigation_batch.hpp"
+#include "recon/solver/batch/bundle_adjustment.hpp"
+#include "recon/topside/input/navigation_seed_plane.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 
 namespace fathom::topside {

@@ -3,16 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/calibration/rig_history.hpp"
-#include "recon/geometry/order_statistics.hpp"
-#include "recon/slam/batch_solver.hpp"
-#include "recon/slam/graph_covariance.hpp"
-#include "recon/slam/sensor_factors.hpp"
+#include "recon/navigation/sensors/sensor_factors.hpp"
+#include "recon/solver/batch/batch_solver.hpp"
+#include "recon/solver/batch/graph_covariance.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr double kAnywhere = 1e3;              // of a point that nobody surveyed [m]
+constexpr double kUnsurveyed = 1e3;            // of a point that nobody surveyed [m]
 constexpr double kPinned = 1e-4, kFree = 1e3;  // points have no attitude; marks do not tell one [rad]
 constexpr double kStep = 0.002;                // of scale, to find its best [1]
 
@@ -164,7 +164,7 @@ void ControlNetwork::append(const Solved& network, double scale, slam::PoseGraph
   for (std::uint32_t k = 0; k < control_.points.size(); ++k) {
     const ControlPoints::Point& point = control_.points[k];
     const Eigen::Vector3d sigma = holds(k) ? Eigen::Vector3d(looser_ * point.sigma)
-                                           : Eigen::Vector3d(Eigen::Vector3d::Constant(kAnywhere));
+                                           : Eigen::Vector3d(Eigen::Vector3d::Constant(kUnsurveyed));
     join(network.origin, nodeOf(k), holds(k) ? *point.place : graph.poses[at(nodeOf(k))].translation(),
          sigma.cwiseAbs2().asDiagonal(), pinned[k] ? kFree : kPinned);
   }
@@ -185,9 +185,9 @@ void ControlNetwork::append(const Solved& network, double scale, slam::PoseGraph
 
 ControlNetwork::State ControlNetwork::solved(const Solved& network, double scale,
                                              const std::vector<SE3>& start) const {
-  constexpr int kRounds = 3;  // bars and marks turn with what is found
+  constexpr int kMarkRounds = 3;  // bars and marks turn with what is found
   State state{start, 0, scale, true};
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kMarkRounds; ++round) {
     slam::PoseGraph graph = *network.graph;
     graph.poses = state.poses;
     append(network, scale, graph);

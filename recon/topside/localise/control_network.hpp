@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/slam/pose_graph.hpp"
-#include "recon/topside/input/control/control_points.hpp"
+#include "recon/import/control_points.hpp"
+#include "recon/solver/pose_graph.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 
 namespace fathom::topside {

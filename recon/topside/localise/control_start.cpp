@@ -2,8 +2,8 @@
 #include <array>
 #include <cmath>
 
-#include "recon/geometry/order_statistics.hpp"
-#include "recon/geometry/rigid_alignment.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/geometry/se3.hpp"
 #include "recon/topside/localise/control_network.hpp"
 
 namespace fathom::topside {

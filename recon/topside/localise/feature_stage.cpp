@@ -2,12 +2,12 @@
 
 #include <optional>
 
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr double kLooksAhead = 0.3;       // cosine of the principal ray from the vertical, below
+constexpr double kLooksForward = 0.3;     // cosine of the principal ray from the vertical, below
 constexpr std::size_t kFewFeatures = 10;  // tell no range
 
 // To what the frame's features show; nothing for few.
@@ -33,11 +33,11 @@ Frames framesOf(const io::MissionConfig& mission, const Survey& survey, const Fe
     const SE3 T_nav_cam = *pose * mission.T_body_cam;
     const double step =
         frames.reckoned.empty() ? 0 : (T_nav_cam.translation() - frames.reckoned.back().translation()).norm();
-    frames.way.push_back(frames.way.empty() ? 0 : frames.way.back() + step);
+    frames.travelled.push_back(frames.travelled.empty() ? 0 : frames.travelled.back() + step);
     frames.reckoned.push_back(T_nav_cam);
     frames.range.push_back(survey.planes[k]->ahead());
     // The DVL does not tell how far a wall is.
-    if ((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksAhead)
+    if ((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksForward)
       frames.range.back() = medianRange(frames, frames.range.size() - 1).value_or(frames.range.back());
   }
   return frames;

@@ -5,36 +5,36 @@
 #include <map>
 #include <set>
 
+#include "realtime/base/numbers/union_find.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
-#include "recon/geometry/union_find.hpp"
-#include "recon/slam/batch_solver.hpp"
-#include "recon/slam/sensor_factors.hpp"
-#include "recon/topside/localise/closure_search.hpp"
+#include "recon/navigation/sensors/sensor_factors.hpp"
+#include "recon/solver/batch/batch_solver.hpp"
+#include "recon/topside/localise/batch_closure_search.hpp"
 #include "recon/topside/localise/control_network.hpp"
 #include "recon/topside/localise/ground_steps.hpp"
 #include "recon/topside/localise/known_places.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
-#include "recon/topside/work/stage_times.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr std::size_t kRounds = 2;  // of overlaps: each says where the next one looks
-constexpr std::size_t kTries = 4;   // places that a pair is compared with
-constexpr double kMaxChi2 = 22.46;  // of a closure, 99.9 % of chi-square with 6 degrees of freedom
-constexpr double kGap = 2;          // between parts [m]
-constexpr double kNear = 0.7;       // of two footprints' centres, in radii, that overlap well
-// Of two poses that odometry joins: at best, and growing with the way.
-constexpr double kStepSigma = 0.05, kStepAngle = 0.03, kDrift = 0.03;  // [m], [rad], [1]
+constexpr std::size_t kOverlapRounds = 2;  // of overlaps: each says where the next one looks
+constexpr std::size_t kPlaceTries = 4;     // places that a pair is compared with
+constexpr double kMaxChi2 = 22.46;         // of a closure, 99.9 % of chi-square with 6 degrees of freedom
+constexpr double kGap = 2;                 // between parts [m]
+constexpr double kNearCentres = 0.7;       // of two footprints' centres, in radii, that overlap well
+// Of two poses that odometry joins: at best, and growing with the distance.
+constexpr double kOdometrySigma = 0.05, kOdometryAngle = 0.03, kOdometryDrift = 0.03;  // [m], [rad], [1]
 
 class FreePoses {
  public:
   FreePoses(const MissionInput& input, const Survey& survey, const FeatureStore& features)
       : input_(input), rig_(input.rig), survey_(survey), places_(framesOf(features)) {
     poses_.resize(frames_.pair.size());
-    frames_.way.assign(frames_.pair.size(), 0);
+    frames_.travelled.assign(frames_.pair.size(), 0);
   }
 
   [[nodiscard]] const Frames& frames() const { return frames_; }
@@ -253,7 +253,7 @@ class FreePoses {
         const auto other = static_cast<std::uint32_t>(id);
         return !known_.contains({other, k}) && mayBeNear(other, k);
       };
-      for (const auto& place : places.query(features, kTries, wanted))
+      for (const auto& place : places.query(features, kPlaceTries, wanted))
         pairs.emplace_back(static_cast<std::uint32_t>(place.id), k);
       (void)places.add(static_cast<int>(k), features);
     }
@@ -281,7 +281,7 @@ class FreePoses {
             for (const std::uint32_t a : cell->second) {
               const closure::Footprint there = footprint(a);
               const double apart = (there.centre - here.centre).norm();
-              if (apart < kNear * (there.radius + here.radius) && !known_.contains({a, b}) &&
+              if (apart < kNearCentres * (there.radius + here.radius) && !known_.contains({a, b}) &&
                   overlapPrior(a, b))
                 near.emplace_back(apart, a);
             }
@@ -317,9 +317,10 @@ class FreePoses {
   closure::RelativePrior between(int x, int y) {
     const auto a = static_cast<std::uint32_t>(x), b = static_cast<std::uint32_t>(y);
     if (parts_.root(a) != parts_.root(b))
-      return {SE3(Eigen::Quaterniond::Identity(), {1e6, 0, 0}), covarianceOf(kStepSigma, kStepAngle)};
-    const double sigma = kStepSigma + kDrift * std::abs(frames_.way[b] - frames_.way[a]);
-    return {poses_[a].inverse() * poses_[b], covarianceOf(sigma, kStepAngle * sigma / kStepSigma)};
+      return {SE3(Eigen::Quaterniond::Identity(), {1e6, 0, 0}), covarianceOf(kOdometrySigma, kOdometryAngle)};
+    const double sigma =
+        kOdometrySigma + kOdometryDrift * std::abs(frames_.travelled[b] - frames_.travelled[a]);
+    return {poses_[a].inverse() * poses_[b], covarianceOf(sigma, kOdometryAngle * sigma / kOdometrySigma)};
   }
 
   // Closures that contradict too much are taken out, those that contradict most first.
@@ -353,8 +354,8 @@ class FreePoses {
     }
     for (std::uint32_t k = 1; k < poses_.size(); ++k) {
       const bool joined = parts_.root(k - 1) == parts_.root(k);
-      frames_.way[k] =
-          frames_.way[k - 1] + (joined ? (poses_[k].translation() - poses_[k - 1].translation()).norm() : 0);
+      frames_.travelled[k] = frames_.travelled[k - 1] +
+                             (joined ? (poses_[k].translation() - poses_[k - 1].translation()).norm() : 0);
     }
   }
 
@@ -385,7 +386,7 @@ SlamResult localiseFreely(const MissionInput& input, const TopsideConfig& config
   free.recognise();
   out.seconds["places"] = watch.lap();
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
-  for (std::size_t round = 0; round < kRounds && free.overlaps(a_frame); ++round) continue;
+  for (std::size_t round = 0; round < kOverlapRounds && free.overlaps(a_frame); ++round) continue;
   out.seconds["closures"] = watch.lap();
   out.bundled = free.bundled(config, images);
   out.seconds["bundle"] = watch.lap();

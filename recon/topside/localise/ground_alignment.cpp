@@ -5,30 +5,31 @@
 #include <opencv2/video/tracking.hpp>
 #include <set>
 
-#include "recon/geometry/cross_matrix.hpp"
+#include "recon/geometry/se3.hpp"
 
 namespace fathom::topside {
 namespace {
 
 using closure::Refusal;
 
-constexpr int kWidest = 700;              // of the images that are compared [px]
-constexpr double kCells = 160;            // of a picture of the ground, by the plane's distance
-constexpr double kMostTurn = 0.5;         // of the heading from frame to frame [rad]
-constexpr int kTurns = 13;                // tried
-constexpr double kLeastOverlap = 0.2;     // of the smaller picture
-constexpr double kFarthest = 3.0;         // of the plane's distance
-constexpr int kWindow = 25, kLevels = 3;  // of the tracker [px]
-constexpr double kBackAgain = 0.7;        // [px]
-constexpr double kAgree = 1.5;            // with the pose [px]
-constexpr int kFewest = 40;               // points that agree
-constexpr double kLeastShare = 0.6;       // of those that were tracked
+constexpr int kWidest = 700;                            // of the images that are compared [px]
+constexpr double kCells = 160;                          // of a picture of the ground, by the plane's distance
+constexpr double kMostTurn = 0.5;                       // of the heading from frame to frame [rad]
+constexpr int kTurns = 13;                              // tried
+constexpr double kLeastOverlap = 0.2;                   // of the smaller picture
+constexpr double kFarthestGround = 3.0;                 // of the plane's distance
+constexpr int kTrackerWindow = 25, kTrackerLevels = 3;  // of the tracker [px]
+constexpr double kMostReturnError = 0.7;                // [px]
+constexpr double kAgree = 1.5;                          // with the pose [px]
+constexpr int kFewestAgreeing = 40;                     // points that agree
+constexpr double kLeastShare = 0.6;                     // of those that were tracked
 constexpr double kLeastCoverage = 0.4;
-constexpr double kScale = 4.0;  // of standard deviations: neighbours share pixels, and the plane is none
-constexpr int kCorners = 800;   // of an image
-constexpr double kQuality = 0.005, kSpacing = 8;   // of the best one; between them [px]
-constexpr double kNear = 10, kPlaneWeight = 1e-3;  // how far a feature's height tells [px]; the plane's own
-constexpr int kCellsAcross = 8, kCellsDown = 6;
+constexpr double kScale = 4.0;       // of standard deviations: neighbours share pixels, and the plane is none
+constexpr int kGroundCorners = 800;  // of an image
+constexpr double kCornerQuality = 0.005, kCornerSpacing = 8;  // of the best one; between them [px]
+constexpr double kNearFeature = 10,
+                 kPlaneWeight = 1e-3;  // how far a feature's height tells [px]; the plane's own
+constexpr int kImageCellsAcross = 8, kImageCellsDown = 6;
 
 // A point of the ground that one frame shows.
 struct GroundPoint {
@@ -47,7 +48,7 @@ struct Prepared {
 std::vector<GroundPoint> pointsOf(const Prepared& frame, const closure::FrameFeatures& features,
                                   double scale) {
   std::vector<cv::Point2f> corners;
-  cv::goodFeaturesToTrack(frame.grey, corners, kCorners, kQuality, kSpacing);
+  cv::goodFeaturesToTrack(frame.grey, corners, kGroundCorners, kCornerQuality, kCornerSpacing);
   std::vector<GroundPoint> out;
   const Eigen::Vector2d half(0.5, 0.5);  // centres of pixels
   for (const cv::Point2f& c : corners) {
@@ -55,13 +56,14 @@ std::vector<GroundPoint> pointsOf(const Prepared& frame, const closure::FrameFea
     double weights = kPlaneWeight, off = 0;
     for (const closure::Feature& f : features.features) {
       const Eigen::Vector2d there = (f.left.cast<double>() + half) * scale - half;
-      const double weight = 1 / (kNear * kNear + (there - pixel).squaredNorm());
+      const double weight = 1 / (kNearFeature * kNearFeature + (there - pixel).squaredNorm());
       weights += weight;
       off += weight * (frame.plane.normal.dot(f.point.cast<double>()) - frame.plane.distance);
     }
     GroundPlane bent = frame.plane;
     bent.distance += off / weights;
-    if (const auto point = bent.under(frame.camera.ray(pixel), kFarthest)) out.push_back({pixel, *point});
+    if (const auto point = bent.under(frame.camera.ray(pixel), kFarthestGround))
+      out.push_back({pixel, *point});
   }
   return out;
 }
@@ -107,7 +109,7 @@ cv::Mat placesIn(const Prepared& a, const Prepared& b, const SE3& T_b_a) {
   cv::Mat map(a.camera.height, a.camera.width, CV_32FC2, cv::Scalar(-1, -1));
   for (int y = 0; y < map.rows; ++y)
     for (int x = 0; x < map.cols; ++x)
-      if (const auto point = a.plane.under(a.camera.ray({x, y}), kFarthest)) {
+      if (const auto point = a.plane.under(a.camera.ray({x, y}), kFarthestGround)) {
         const Eigen::Vector3d in_b = T_b_a * *point;
         if (in_b.z() <= 0) continue;
         const Eigen::Vector2d pixel = b.camera.project(in_b);
@@ -124,13 +126,14 @@ struct Sighting {
   Eigen::Vector2d to;
 };
 
-int cellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
-  return static_cast<int>(pixel.x()) * kCellsAcross / camera.width +
-         kCellsAcross * (static_cast<int>(pixel.y()) * kCellsDown / camera.height);
+int imageCellOf(const Camera& camera, const Eigen::Vector2d& pixel) {
+  return static_cast<int>(pixel.x()) * kImageCellsAcross / camera.width +
+         kImageCellsAcross * (static_cast<int>(pixel.y()) * kImageCellsDown / camera.height);
 }
 
 // a's points in b. `cells`: of a's image, where a point ought to be seen.
-std::vector<Sighting> track(const Prepared& a, const Prepared& b, const SE3& T_a_b, std::set<int>& cells) {
+std::vector<Sighting> trackedCorners(const Prepared& a, const Prepared& b, const SE3& T_a_b,
+                                     std::set<int>& cells) {
   const SE3 T_b_a = T_a_b.inverse();
   const cv::Mat map = placesIn(a, b, T_b_a);
   cv::Mat seen;
@@ -139,7 +142,7 @@ std::vector<Sighting> track(const Prepared& a, const Prepared& b, const SE3& T_a
   std::vector<Sighting> sightings, out;
   for (const GroundPoint& p : a.points) {
     const int x = static_cast<int>(std::lround(p.pixel.x())), y = static_cast<int>(std::lround(p.pixel.y()));
-    if (!a.camera.contains(p.pixel, kWindow / 2.0) || map.at<cv::Vec2f>(y, x)[0] < 0) continue;
+    if (!a.camera.contains(p.pixel, kTrackerWindow / 2.0) || map.at<cv::Vec2f>(y, x)[0] < 0) continue;
     // Off the plane: where its ray from b meets the ground.
     const Eigen::Vector3d centre = T_a_b.translation(), ray = p.point - centre;
     const double along = a.plane.normal.dot(ray);
@@ -147,26 +150,26 @@ std::vector<Sighting> track(const Prepared& a, const Prepared& b, const SE3& T_a
     const Eigen::Vector3d ground = centre + (a.plane.distance - a.plane.normal.dot(centre)) / along * ray;
     if (ground.z() <= 0) continue;
     const Eigen::Vector2d expected = a.camera.project(ground);
-    if (!a.camera.contains(expected, kWindow / 2.0)) continue;
+    if (!a.camera.contains(expected, kTrackerWindow / 2.0)) continue;
     from.emplace_back(static_cast<float>(p.pixel.x()), static_cast<float>(p.pixel.y()));
     to.emplace_back(static_cast<float>(expected.x()), static_cast<float>(expected.y()));
     sightings.push_back({p.pixel, p.point, Eigen::Vector2d::Zero()});
-    cells.insert(cellOf(a.camera, p.pixel));
+    cells.insert(imageCellOf(a.camera, p.pixel));
   }
   if (from.empty()) return out;
   std::vector<std::uint8_t> forth_good, back_good;
   std::vector<float> residual;
   const cv::Mat grey = greyOf(seen);
   const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 40, 0.005);
-  const cv::Size window(kWindow, kWindow);
+  const cv::Size window(kTrackerWindow, kTrackerWindow);
   back = from;
-  cv::calcOpticalFlowPyrLK(a.grey, grey, from, to, forth_good, residual, window, kLevels, enough,
+  cv::calcOpticalFlowPyrLK(a.grey, grey, from, to, forth_good, residual, window, kTrackerLevels, enough,
                            cv::OPTFLOW_USE_INITIAL_FLOW);
-  cv::calcOpticalFlowPyrLK(grey, a.grey, to, back, back_good, residual, window, kLevels, enough,
+  cv::calcOpticalFlowPyrLK(grey, a.grey, to, back, back_good, residual, window, kTrackerLevels, enough,
                            cv::OPTFLOW_USE_INITIAL_FLOW);
   for (std::size_t k = 0; k < from.size(); ++k) {
-    if (forth_good[k] == 0 || back_good[k] == 0 || cv::norm(back[k] - from[k]) > kBackAgain) continue;
-    const auto ground = a.plane.under(a.camera.ray({to[k].x, to[k].y}), kFarthest);
+    if (forth_good[k] == 0 || back_good[k] == 0 || cv::norm(back[k] - from[k]) > kMostReturnError) continue;
+    const auto ground = a.plane.under(a.camera.ray({to[k].x, to[k].y}), kFarthestGround);
     if (!ground) continue;
     const Eigen::Vector3d in_b = T_b_a * *ground;
     if (in_b.z() <= 0) continue;
@@ -213,7 +216,7 @@ bool refine(const Camera& camera, const std::vector<Sighting>& sightings, Ground
       ++out.inliers;
     }
     Vector6d step;
-    if (out.inliers < kFewest || !solveStep(information, gradient, step)) return false;
+    if (out.inliers < kFewestAgreeing || !solveStep(information, gradient, step)) return false;
     out.pose.T_a_b = perturbed(out.pose.T_a_b, step);
   }
   constexpr double kLeast = 0.3;  // of a coordinate [px]
@@ -227,7 +230,7 @@ double coverageOf(const Prepared& a, const Prepared& b, const std::vector<Sighti
   std::set<int> used;
   for (const Sighting& s : sightings) {
     Eigen::Vector2d r;
-    if (residualOf(b.camera, T_b_a, s, r, nullptr) < kAgree) used.insert(cellOf(a.camera, s.from));
+    if (residualOf(b.camera, T_b_a, s, r, nullptr) < kAgree) used.insert(imageCellOf(a.camera, s.from));
   }
   return cells.empty() ? 0 : static_cast<double>(used.size()) / static_cast<double>(cells.size());
 }
@@ -239,9 +242,9 @@ Refusal improve(const Prepared& a, const Prepared& b, GroundAlignment& out) {
   constexpr int kPasses = 2;
   for (int pass = 0; pass < kPasses; ++pass) {
     cells.clear();
-    sightings = track(a, b, out.pose.T_a_b, cells);
+    sightings = trackedCorners(a, b, out.pose.T_a_b, cells);
     out.tracked = static_cast<int>(sightings.size());
-    if (out.tracked < kFewest) return Refusal::kFewMatches;
+    if (out.tracked < kFewestAgreeing) return Refusal::kFewMatches;
     if (!refine(b.camera, sightings, out)) return Refusal::kFewInliers;
   }
   out.coverage = coverageOf(a, b, sightings, out.pose.T_a_b.inverse(), cells);

@@ -7,7 +7,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kFarthest = 2.5;  // of the plane's distance; beyond, a pixel covers too much ground
+constexpr double kFarthestPixel = 2.5;  // of the plane's distance; beyond, a pixel covers too much ground
 
 // Zero-padded to `size`, as a spectrum.
 cv::Mat spectrum(const cv::Mat& values, const cv::Size& size) {
@@ -82,8 +82,9 @@ GroundPicture layOut(const cv::Mat& even, const Camera& camera, const GroundPlan
   constexpr int kSteps = 16;
   for (int i = 0; i <= kSteps; ++i)
     for (int j = 0; j <= kSteps; ++j)
-      if (const auto point = plane.under(
-              camera.ray({(camera.width - 1.0) * i / kSteps, (camera.height - 1.0) * j / kSteps}), kFarthest))
+      if (const auto point =
+              plane.under(camera.ray({(camera.width - 1.0) * i / kSteps, (camera.height - 1.0) * j / kSteps}),
+                          kFarthestPixel))
         box.extend(Eigen::Vector2d(R * (T_ground_cam * *point).head<2>()));
   GroundPicture out;
   out.cell = cell;
@@ -99,7 +100,7 @@ GroundPicture layOut(const cv::Mat& even, const Camera& camera, const GroundPlan
       const Eigen::Vector2d g = R.inverse() * Eigen::Vector2d(out.corner + cell * Eigen::Vector2d(i, j));
       const Eigen::Vector3d p = T_cam_ground * Eigen::Vector3d(g.x(), g.y(), 0);
       Eigen::Vector2d pixel(-1, -1);
-      if (p.z() > 0 && p.norm() <= kFarthest * plane.distance) pixel = camera.project(p);
+      if (p.z() > 0 && p.norm() <= kFarthestPixel * plane.distance) pixel = camera.project(p);
       if (!camera.contains(pixel)) pixel = {-1, -1};
       x.at<float>(i, j) = static_cast<float>(pixel.x());
       y.at<float>(i, j) = static_cast<float>(pixel.y());

@@ -36,7 +36,7 @@ struct GroundPicture {
 [[nodiscard]] GroundPicture layOut(const cv::Mat& even, const Camera& camera, const GroundPlane& plane,
                                    double cell, double turn);
 
-// Where one picture lies on another: the shift of normalised cross-correlation's peak under both masks
+// Where one picture is on another: the shift of normalised cross-correlation's peak under both masks
 // (Padfield, "Masked Object Registration in the Fourier Domain", 2012), by whole cells.
 struct GroundMatch {
   double correlation = 0;                           // at the peak

@@ -2,8 +2,8 @@
 
 #include <oneapi/tbb/parallel_for.h>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/progress.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/progress.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/localise/ground_alignment.hpp"
 

@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "recon/slam/navigation_batch.hpp"
+#include "recon/navigation/graph/navigation_batch.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/feature_stage.hpp"

@@ -3,21 +3,21 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/order_statistics.hpp"
-#include "recon/slam/batch_solver.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/solver/batch/batch_solver.hpp"
 
 namespace fathom::topside {
 namespace {
 
 // Standard deviations of what files of navigation do not say: errors of compasses last, and so count for
 // more than those of single readings.
-constexpr double kDepthSigma = 0.1;                         // [m]
-constexpr double kTiltSigma = 0.02, kHeadingSigma = 0.09;   // [rad]
-constexpr double kStepSigma = 0.02, kVelocityError = 0.03;  // of a step by velocities [m], [1]
-constexpr double kAnyPlace = 1e3, kAnyTurn = 10;            // that hold what nothing tells [m], [rad]
-constexpr double kSteep = 0.35;                             // of ground that is a wrong attitude [rad]
-constexpr double kSpan = 3;      // of positions that tell north, in their standard deviations
-constexpr double kGate = 13.82;  // of a position, 99.9 % of chi-square with 2 degrees of freedom
+constexpr double kDepthSigma = 0.1;                                 // [m]
+constexpr double kTiltSigma = 0.02, kHeadingSigma = 0.09;           // [rad]
+constexpr double kVelocityStepSigma = 0.02, kVelocityError = 0.03;  // of a step by velocities [m], [1]
+constexpr double kAnyPlace = 1e3, kAnyTurn = 10;                    // that hold what nothing tells [m], [rad]
+constexpr double kSteep = 0.35;   // of ground that is a wrong attitude [rad]
+constexpr double kNorthSpan = 3;  // of positions that tell north, in their standard deviations
+constexpr double kGate = 13.82;   // of a position, 99.9 % of chi-square with 2 degrees of freedom
 
 double weight(double sigma) {
   return 1 / (sigma * sigma);
@@ -129,7 +129,7 @@ KnownPlaces::Motion KnownPlaces::motionOf(std::span<const std::uint32_t> part,
   double turn = 0;
   if (sine != 0 || cosine != 0)
     turn = std::atan2(sine, cosine);
-  else if (here.size() > 2 && spanOf(here) > kSpan * median(sigmas))
+  else if (here.size() > 2 && spanOf(here) > kNorthSpan * median(sigmas))
     turn = turnBetween(here, there);
   const Eigen::Matrix3d R = Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()).toRotationMatrix() * level;
   Eigen::Vector3d shift = -(R * first.translation());
@@ -180,13 +180,13 @@ slam::RelativePose KnownPlaces::measured(std::uint32_t frame, const SE3& T_nav_c
 
 KnownPlaces::Placed KnownPlaces::improved(const slam::PoseGraph& graph,
                                           std::span<const std::uint32_t> firsts) {
-  constexpr int kRounds = 4;
+  constexpr int kFitRounds = 4;
   std::vector<bool> used(known_.size());
   for (std::size_t k = 0; k < known_.size(); ++k) used[k] = known_[k].north_east.has_value();
   const auto given = static_cast<std::size_t>(std::count(used.begin(), used.end(), true));
   Placed out;
   std::vector<SE3> poses = graph.poses;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kFitRounds; ++round) {
     slam::PoseGraph& whole = out.graph;
     whole = {};
     whole.poses.emplace_back();
@@ -245,7 +245,7 @@ std::optional<slam::NavigationLink> KnownPlaces::stepTo(std::uint32_t frame) con
   link.a = frame - 1;
   link.b = frame;
   link.T_a_b = a.inverse() * b;
-  const double sigma = kStepSigma + kVelocityError * known_[frame].moved->norm();
+  const double sigma = kVelocityStepSigma + kVelocityError * known_[frame].moved->norm();
   Vector6d variance;
   variance << Eigen::Vector3d::Constant(sigma * sigma),
       Eigen::Vector3d::Constant(kHeadingSigma * kHeadingSigma);

@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
-#include "recon/slam/navigation_batch.hpp"
-#include "recon/slam/pose_graph.hpp"
-#include "recon/topside/input/nav_files/nav_data.hpp"
+#include "recon/import/navigation/nav_data.hpp"
+#include "recon/navigation/graph/navigation_batch.hpp"
+#include "recon/solver/pose_graph.hpp"
 
 namespace fathom::topside {
 

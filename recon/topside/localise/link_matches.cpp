@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <memory>
 
-#include "realtime/kernel/progress.hpp"
-#include "recon/topside/localise/closure_search.hpp"
+#include "realtime/base/progress.hpp"
+#include "recon/topside/localise/batch_closure_search.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
 
 namespace fathom::topside {

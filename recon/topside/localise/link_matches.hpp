@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "recon/closure/descriptor_matching.hpp"
-#include "recon/slam/navigation_batch.hpp"
+#include "recon/navigation/graph/navigation_batch.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 
 namespace fathom::topside {

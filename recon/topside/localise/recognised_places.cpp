@@ -4,38 +4,38 @@
 #include <limits>
 #include <set>
 
-#include "realtime/kernel/progress.hpp"
+#include "realtime/base/progress.hpp"
 #include "recon/closure/candidates.hpp"
 #include "recon/closure/place_index.hpp"
 #include "recon/closure/recognition.hpp"
-#include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/batch_closure_search.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr double kQuietWay = 10;          // without a closure, after which a frame is asked for [m]
-constexpr double kApart = 0.5;            // of the way between two frames that are asked for, in radii
-constexpr double kRecentWay = 8;          // odometry links what lies nearer well enough [m]
+constexpr double kQuietDistance = 10;     // without a closure, after which a frame is asked for [m]
+constexpr double kApart = 0.5;            // of the track between two frames that are asked for, in radii
+constexpr double kRecentDistance = 8;     // odometry links what is nearer well enough [m]
 constexpr std::size_t kMostAsked = 4000;  // frames
-constexpr std::size_t kTries = 2;         // frames that one is compared with
-// Of odometry over a short way: at best, and growing with it.
-constexpr double kStepSigma = 0.03, kStepAngle = 0.02, kDrift = 0.02;  // [m], [rad], [1]
+constexpr std::size_t kFrameTries = 2;    // frames that one is compared with
+// Of odometry over a short distance: at best, and growing with it.
+constexpr double kPathSigma = 0.03, kPathAngle = 0.02, kPathDrift = 0.02;  // [m], [rad], [1]
 
 // Frames far from any closure, by time.
 std::vector<std::uint32_t> quietFrames(const Frames& frames, double radius,
                                        const std::vector<slam::NavigationLink>& links) {
-  std::vector<double> closed;  // ways of frames with a closure
+  std::vector<double> closed;  // track lengths at frames with a closure
   for (const slam::NavigationLink& link : links)
     if (link.kept && !link.ofChain())
-      for (const std::uint32_t end : {link.a, link.b}) closed.push_back(frames.way[end]);
+      for (const std::uint32_t end : {link.a, link.b}) closed.push_back(frames.travelled[end]);
   std::sort(closed.begin(), closed.end());
   std::vector<std::uint32_t> quiet;
   double last = -std::numeric_limits<double>::infinity();
   for (std::uint32_t k = 0; k < frames.pair.size(); ++k) {
-    if (frames.blank(k) || frames.way[k] - last < kApart * radius) continue;
-    const auto next = std::lower_bound(closed.begin(), closed.end(), frames.way[k] - kQuietWay);
-    if (next != closed.end() && *next < frames.way[k] + kQuietWay) continue;
-    last = frames.way[k];
+    if (frames.blank(k) || frames.travelled[k] - last < kApart * radius) continue;
+    const auto next = std::lower_bound(closed.begin(), closed.end(), frames.travelled[k] - kQuietDistance);
+    if (next != closed.end() && *next < frames.travelled[k] + kQuietDistance) continue;
+    last = frames.travelled[k];
     quiet.push_back(k);
   }
   const std::size_t step = quiet.size() / kMostAsked + 1;
@@ -60,9 +60,9 @@ FramePairs likePairs(const Frames& frames, const std::vector<std::uint32_t>& ask
     frames.load(k, features);
     if (std::binary_search(asked.begin(), asked.end(), k)) {
       const auto wanted = [&](int id) {
-        return frames.way[k] - frames.way[static_cast<std::size_t>(id)] > kRecentWay;
+        return frames.travelled[k] - frames.travelled[static_cast<std::size_t>(id)] > kRecentDistance;
       };
-      for (const auto& place : places.query(features, kTries, wanted))
+      for (const auto& place : places.query(features, kFrameTries, wanted))
         pairs.emplace_back(static_cast<std::uint32_t>(place.id), k);
     }
     (void)places.add(static_cast<int>(k), features);
@@ -118,8 +118,8 @@ std::vector<slam::NavigationLink> recognisePlaces(const StereoRig& rig, const Fr
   });
   const auto odometry = [&](int x, int y) {
     const auto from = static_cast<std::size_t>(x), to = static_cast<std::size_t>(y);
-    const double sigma = kStepSigma + kDrift * std::abs(frames.way[to] - frames.way[from]);
-    return closure::RelativePrior{poses[from].inverse() * poses[to], covarianceOf(sigma, kStepAngle)};
+    const double sigma = kPathSigma + kPathDrift * std::abs(frames.travelled[to] - frames.travelled[from]);
+    return closure::RelativePrior{poses[from].inverse() * poses[to], covarianceOf(sigma, kPathAngle)};
   };
   closure::Agreement agreement;
   std::vector<slam::NavigationLink> found;

@@ -5,14 +5,14 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/tide.hpp"
-#include "recon/slam/navigation_config.hpp"
-#include "recon/topside/localise/closure_search.hpp"
+#include "recon/geometry/sea_water.hpp"
+#include "recon/navigation/graph/navigation_config.hpp"
+#include "recon/topside/localise/batch_closure_search.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 #include "recon/topside/localise/recognised_places.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
-#include "recon/topside/work/stage_times.hpp"
 
 namespace fathom::slam {
 
@@ -32,7 +32,7 @@ void exchangeState(Archive& archive, topside::Is<NavigationGraph::Counters> auto
   archive(c.keyframes, c.keyframes_refused, c.references, c.odometry_links, c.closures, c.links_contradicting,
           c.links_off, c.links_refused, c.fixes, c.fixes_gated, c.fixes_off, c.fixes_refused,
           c.steps_contradicted, c.steps_left_out, c.compass_jumps, c.attitude_absent, c.depth_absent,
-          c.dvl_absent, c.dvl_lies);
+          c.dvl_absent, c.dvl_rejected);
 }
 
 }  // namespace fathom::slam
@@ -51,9 +51,9 @@ namespace {
 
 // Changes whenever the same inputs and settings give another result.
 constexpr std::uint32_t kLocaliseVersion = 13;
-constexpr std::size_t kRounds = 3;         // of closures: each says where the next one looks
-constexpr std::size_t kToldPlaces = 2000;  // whose uncertainty the report has, spread over the dive
-constexpr double kAnywhere = 1000;         // standard deviation of nav's place where no fix tells it [m]
+constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
+constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
+constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
 
 std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
   std::vector<slam::KeyframeInput> inputs;
@@ -144,7 +144,8 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
              n.dvl_wander, n.dvl_wander_s);
   if (input.control) hasher.add("control", input.control_identity);
   const slam::RigPrior& open = config.navigation.rig;
-  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.lean, open.uneven);
+  hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.ground_tilt,
+             open.uneven);
   return hasher.finish();
 }
 
@@ -196,7 +197,7 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
   const std::size_t odometry = links.size();
   lap("odometry");
 
-  // Dead reckoning is given in nav already, as all fixes together place it; the graph weighs them anew.
+  // Dead reckoning is given in nav already, as all fixes together place it; the graph weighs them again.
   const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
   std::vector<slam::NavigationFix> fixes = fixesOf(frames, navigation);
   const Eigen::Vector2d shift = navigation.gps_shift.value_or(Eigen::Vector2d::Zero());
@@ -207,8 +208,8 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
   graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   slam::NavigationSolution solved;
-  ClosureSearch search(rig, frames, graph.noise.visual_scale, graph.rig);
-  ClosureSearch::Shared shared = ClosureSearch::Shared::Zero(), straightened_by = shared;
+  BatchClosureSearch search(rig, frames, graph.noise.visual_scale, graph.rig);
+  BatchClosureSearch::Shared shared = BatchClosureSearch::Shared::Zero(), straightened_by = shared;
   const auto solve = [&] {
     links = search.straightened(std::move(links), shared - straightened_by);
     straightened_by = shared;
@@ -223,12 +224,12 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
     shared = search.known().shared();
   };
   solve();
-  graph.noise = slam::seenNoise(graph.noise, inputs, fixes, solved);
+  graph.noise = slam::adaptedNoise(graph.noise, inputs, fixes, solved);
   solved = {};
   solve();
   lap("network");
   const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
-  const std::size_t most = a_frame * frames.pair.size() / kRounds;
+  const std::size_t most = a_frame * frames.pair.size() / kClosureRounds;
   // False when nothing was found.
   const auto seek = [&] {
     look();
@@ -243,7 +244,7 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
     lap("network");
     return true;
   };
-  for (std::size_t round = 0; round < kRounds && seek(); ++round) continue;
+  for (std::size_t round = 0; round < kClosureRounds && seek(); ++round) continue;
   const std::vector<slam::NavigationLink> recognised = recognisePlaces(rig, frames, solved, links);
   lap("places");
   for (const slam::NavigationLink& link : recognised)
@@ -254,11 +255,11 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
     lap("network");
     (void)seek();
   }
-  const auto solve_anew = [&] {
+  const auto solve_again = [&] {
     solved = {};  // the sensors are judged by the steps as they are now
     solve();
   };
-  out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, solve_anew,
+  out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, solve_again,
                         [&](const auto& tangent) { return search.disparityError(straightened_by, tangent); });
   lap("bundle");
   shared = search.estimate(solved, links, straightened_by);
@@ -287,20 +288,20 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
   const slam::GraphCovariance& known = search.known();
   if (solved.usbl_node >= 0) out.usbl = usblOf(solved, known);
   double squares = 0;
-  const std::size_t told = solved.poses.size() / kToldPlaces + 1;
+  const std::size_t every = solved.poses.size() / kReportedPoses + 1;
   for (std::size_t k = 0; k < solved.poses.size(); ++k) {
     const SE3& pose = solved.poses[k];
     squares += (pose.translation() - frames.reckoned[k].translation()).head<2>().squaredNorm();
     out.poses[frames.pair[k]].T_nav_body = pose * mission.T_body_cam.inverse();
-    if (k % told == 0) out.uncertain.push_back({frames.pair[k], pose, Matrix6d::Zero(), Matrix6d::Zero()});
+    if (k % every == 0) out.uncertain.push_back({frames.pair[k], pose, Matrix6d::Zero(), Matrix6d::Zero()});
   }
   const int first = solved.nodes.front();
-  const slam::GraphCovariance::Way from = known.wayOf(first);
+  const slam::GraphCovariance::TreePath from = known.pathOf(first);
   oneapi::tbb::parallel_for(std::size_t{0}, out.uncertain.size(), [&](std::size_t i) {
-    const int node = solved.nodes[i * told];
-    const slam::GraphCovariance::Way way = known.wayOf(node);
-    out.uncertain[i].covariance = known.of(node, way);
-    out.uncertain[i].since_first = known.between(first, from, node, way);
+    const int node = solved.nodes[i * every];
+    const slam::GraphCovariance::TreePath path = known.pathOf(node);
+    out.uncertain[i].covariance = known.of(node, path);
+    out.uncertain[i].since_first = known.between(first, from, node, path);
   });
   out.moved_rms = std::sqrt(squares / static_cast<double>(solved.poses.size()));
   lap("covariance");

@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/slam/mounting_check.hpp"
+#include "recon/navigation/sensors/mounting_check.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/survey_stage.hpp"
@@ -35,8 +35,8 @@ struct SlamResult {
   };
   std::vector<Tried> tried;                               // candidates for closures
   std::array<std::size_t, closure::kRefusals> refused{};  // of these, by cause
-  // Way over ground that was seen before, as ClosureSearch::crossings() expects it, and what of it no closure
-  // verified [m].
+  // Track length over ground that was seen before, as BatchClosureSearch::crossings() expects it, and what of
+  // it no closure verified [m].
   double crossings_expected = 0, crossings_unverified = 0;
   std::size_t unconfirmed = 0;  // closures left out: look-alikes that no other one confirmed
   bool converged = true;        // the solver, at the end
@@ -117,7 +117,7 @@ void saveSlam(WorkFileWriter& file, const SlamResult& slam);  // without seconds
                                   const GreyImages& images);
 
 // For bundle adjustment, where config.bundle asks for it: links and poses as it finds them. `solve`: makes
-// poses of links anew.
+// poses of links again.
 [[nodiscard]] SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config,
                                           const Survey& survey, const Frames& frames,
                                           const GreyImages& images, std::vector<slam::NavigationLink>& links,

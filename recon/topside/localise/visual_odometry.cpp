@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "recon/geometry/uncertain_pose.hpp"
-#include "recon/topside/localise/closure_search.hpp"
+#include "recon/topside/localise/batch_closure_search.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "recon/geometry/se3.hpp"
+#include "recon/import/images/image_pairs.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
 
 namespace fathom::topside {
 

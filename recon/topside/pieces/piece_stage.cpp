@@ -9,10 +9,11 @@
 #include <optional>
 
 #include "recon/surface/atlas.hpp"
+#include "recon/surface/bake.hpp"
 #include "recon/surface/simplify.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 #include "recon/topside/work/stage_runner.hpp"
-#include "recon/topside/work/stage_times.hpp"
 
 namespace fathom::topside {
 

@@ -5,12 +5,12 @@
 #include "recon/fusion/cell_statistics.hpp"
 #include "recon/fusion/space_division.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
+#include "recon/products/rasters/layer_patch.hpp"
 #include "recon/topside/config/model_settings.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/pieces/tile_blocks.hpp"
 #include "recon/topside/pieces/view_images.hpp"
 #include "recon/topside/prepare/prepared_groups.hpp"
-#include "recon/topside/rasters/layer_patch.hpp"
 #include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
@@ -20,11 +20,11 @@ struct PieceInputs {
   const MissionInput* input = nullptr;
   const TopsideConfig* config = nullptr;
   const PreparedGroups* prepared = nullptr;
-  const std::vector<SE3>* T_nav_cam = nullptr;                 // of every pair; of pairs without a mesh: any
-  const std::vector<fusion::Footprint>* footprints = nullptr;  // of every pair
-  const fusion::CellStatistics* statistics = nullptr;          // of all meshes
-  const SeedPlanes* planes = nullptr;                          // of every pair
-  const std::vector<float>* gains = nullptr;                   // of every pair's left image
+  const std::vector<SE3>* T_nav_cam = nullptr;  // of every pair; of pairs without a mesh: any
+  const std::vector<fusion::MeshFootprint>* footprints = nullptr;  // of every pair
+  const fusion::CellStatistics* statistics = nullptr;              // of all meshes
+  const SeedPlanes* planes = nullptr;                              // of every pair
+  const std::vector<float>* gains = nullptr;                       // of every pair's left image
   const std::vector<TextureCamera>* cameras = nullptr;
   ViewImages* images = nullptr;  // null: no texture
   TileGrid grid;

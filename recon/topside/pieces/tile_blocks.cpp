@@ -2,8 +2,8 @@
 
 #include <Eigen/Geometry>
 
-#include "recon/topside/tiles/block_texture.hpp"
-#include "recon/topside/tiles/glb.hpp"
+#include "recon/products/tiles/block_texture.hpp"
+#include "recon/products/tiles/glb.hpp"
 #include "recon/topside/work/mesh_bytes.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 

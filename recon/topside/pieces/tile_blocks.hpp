@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "recon/geometry/textured_tile.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 #include "recon/topside/config/model_settings.hpp"
 #include "recon/topside/work/digest.hpp"
 #include "recon/topside/work/work_file.hpp"

@@ -7,18 +7,18 @@
 #include <optional>
 #include <unordered_map>
 
-#include "recon/geometry/colour_difference.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/geometry/colour.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr float kSame = 0.01F;          // two vertices at the same place lie no farther apart [m]
-constexpr std::size_t kFewest = 15;     // of them, to compare two images
-constexpr double kCoupleSigma = 0.03;   // of a couple's ratio, in logarithms: what the light model leaves
-constexpr double kLeastSpread = 0.001;  // of gains
+constexpr float kSame = 0.01F;             // two vertices at the same place are no farther apart [m]
+constexpr std::size_t kFewestPlaces = 15;  // of them, to compare two images
+constexpr double kCoupleSigma = 0.03;      // of a couple's ratio, in logarithms: what the light model leaves
+constexpr double kLeastSpread = 0.001;     // of gains
 
-std::uint64_t cellOf(int x, int y) {
+std::uint64_t groundCellOf(int x, int y) {
   return static_cast<std::uint64_t>(static_cast<std::uint32_t>(x)) << 32 | static_cast<std::uint32_t>(y);
 }
 int step(float metres) {
@@ -30,7 +30,7 @@ int step(float metres) {
 std::optional<double> logBrightness(const Mesh& a, const Mesh& b) {
   std::unordered_multimap<std::uint64_t, std::uint32_t> cells;
   for (std::uint32_t k = 0; k < b.vertices.size(); ++k)
-    cells.emplace(cellOf(step(b.vertices[k].x()), step(b.vertices[k].y())), k);
+    cells.emplace(groundCellOf(step(b.vertices[k].x()), step(b.vertices[k].y())), k);
   std::vector<double> ratios;
   for (std::size_t k = 0; k < a.vertices.size(); ++k) {
     const Eigen::Vector3f& p = a.vertices[k];
@@ -38,7 +38,7 @@ std::optional<double> logBrightness(const Mesh& a, const Mesh& b) {
     std::optional<std::uint32_t> found;
     for (int dx = -1; dx <= 1; ++dx)
       for (int dy = -1; dy <= 1; ++dy) {
-        const auto [begin, end] = cells.equal_range(cellOf(step(p.x()) + dx, step(p.y()) + dy));
+        const auto [begin, end] = cells.equal_range(groundCellOf(step(p.x()) + dx, step(p.y()) + dy));
         for (auto i = begin; i != end; ++i) {
           const float distance = (b.vertices[i->second] - p).norm();
           if (distance >= nearest) continue;
@@ -51,7 +51,7 @@ std::optional<double> logBrightness(const Mesh& a, const Mesh& b) {
     constexpr double kDark = 0.005;  // of full scale: noise
     if (one > kDark && other > kDark) ratios.push_back(std::log(one / other));
   }
-  if (ratios.size() < kFewest) return std::nullopt;
+  if (ratios.size() < kFewestPlaces) return std::nullopt;
   return median(ratios);
 }
 

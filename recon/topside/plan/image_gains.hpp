@@ -11,7 +11,7 @@
 namespace fathom::topside {
 
 // How much brighter each pair's left image is than its lamps, water and ground explain: strobes that do not
-// flash alike, a gain or an exposure that nobody stamped. Told by vertices of two meshes at the same place,
+// flash alike, a gain or an exposure that nobody stamped. Found by vertices of two meshes at the same place,
 // for neighbours along the track and `joined` couples; least squares in logarithms with a prior about 1 that
 // is as wide as the ratios ask for. 1 of pairs without a coloured mesh. The same whatever the number of
 // threads.

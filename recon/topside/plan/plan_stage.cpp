@@ -5,15 +5,16 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/topside/plan/image_gains.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::fusion {
 
 template <typename Archive>
-void exchangeState(Archive& archive, topside::Is<Footprint> auto& footprint) {
+void exchangeState(Archive& archive, topside::Is<MeshFootprint> auto& footprint) {
   archive(footprint.box);
 }
 
@@ -29,9 +30,9 @@ namespace {
 
 constexpr std::uint32_t kPlanVersion = 3;  // changes with the result
 constexpr double kTexelStep = 0.0001;      // [m]
-constexpr fusion::Footprint kNowhere{{1, 1, 0, 0}};
+constexpr fusion::MeshFootprint kNowhere{{1, 1, 0, 0}};
 
-fusion::Footprint footprintOf(const Mesh& mesh) {
+fusion::MeshFootprint footprintOf(const Mesh& mesh) {
   if (mesh.vertices.empty()) return kNowhere;
   Eigen::Vector2f low = mesh.vertices[0].head<2>(), high = low;
   for (const auto& v : mesh.vertices) {
@@ -103,10 +104,8 @@ double nativeTexel(const Camera& camera, const SeedPlanes& planes, double defaul
   std::vector<double> ranges;
   for (const auto& plane : planes)
     if (plane) ranges.push_back(plane->distance);
-  if (ranges.empty()) ranges.push_back(default_range);
-  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-  std::nth_element(ranges.begin(), middle, ranges.end());
-  return std::max(1.0, std::round(*middle / camera.fx / kTexelStep)) * kTexelStep;
+  const double range = median(std::move(ranges), default_range);
+  return std::max(1.0, std::round(range / camera.fx / kTexelStep)) * kTexelStep;
 }
 
 Digest planKey(const MissionInput& input, const TopsideConfig& config, const TileGrid& grid,

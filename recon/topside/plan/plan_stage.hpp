@@ -11,9 +11,9 @@
 
 namespace fathom::topside {
 
-// How the dive is divided, and what is told of it before anything is fused.
+// How the dive is divided, and what is known of it before anything is fused.
 struct ModelPlan {
-  std::vector<fusion::Footprint> footprints;  // of every pair's mesh; empty ones of pairs without
+  std::vector<fusion::MeshFootprint> footprints;  // of every pair's mesh; empty ones of pairs without
   std::vector<fusion::Piece> pieces;
   fusion::CellStatistics statistics;
   std::vector<float> gains;  // of every pair's left image, see imageGains

@@ -2,10 +2,9 @@
 
 #include <optional>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/closure/feature_extractor.hpp"
-#include "recon/closure/given_features.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/given_stereo.hpp"
 #include "recon/topside/light/pair_images.hpp"
@@ -13,11 +12,12 @@
 namespace fathom::topside {
 namespace {
 
-constexpr double kNearest = 0.4,
-                 kFarthest = 2.5;  // of a feature, in ranges to the seafloor: relief of a reef and its edge
+constexpr double kNearestFeature = 0.4,
+                 kFarthestFeature =
+                     2.5;  // of a feature, in ranges to the seafloor: relief of a reef and its edge
 
 closure::DepthRange depthsAbout(const stereo::SeedPlane& plane) {
-  return {kNearest * plane.ahead(), kFarthest * plane.ahead()};
+  return {kNearestFeature * plane.ahead(), kFarthestFeature * plane.ahead()};
 }
 
 void take(const stereo::StereoResult& found, PreparedPair& out) {

@@ -5,12 +5,12 @@
 
 #include "recon/closure/frame_features.hpp"
 #include "recon/geometry/mesh.hpp"
+#include "recon/import/images/image_pairs.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
-#include "recon/topside/work/stage_times.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 

@@ -1,6 +1,6 @@
 #include "recon/topside/prepare/prepared_groups.hpp"
 
-#include "recon/closure/feature_slot.hpp"
+#include "recon/closure/frame_features.hpp"
 #include "recon/topside/work/mesh_bytes.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
@@ -25,7 +25,7 @@ void writePrepared(WorkFileWriter& file, std::size_t first_pair, const std::vect
                      static_cast<std::uint32_t>(pair.features.size()), pair.rejected, !pair.mesh.empty()});
     if (!pair.mesh.empty()) file.add(meshName(first_pair + k), meshBytes(pair.mesh));
     if (pair.features.size() == 0) continue;
-    Bytes slot(closure::slotBytes(pair.features.kind, pair.features.size()));
+    Bytes slot(closure::slotBytes(pair.features.size()));
     if (!closure::writeSlot(pair.features, slot)) throw std::logic_error("features do not fit their slot");
     file.add(featuresName(first_pair + k), slot);
   }

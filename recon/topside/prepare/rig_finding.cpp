@@ -6,12 +6,12 @@
 #include <cmath>
 #include <vector>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/calibration/epipolar_check.hpp"
 #include "recon/closure/registration.hpp"
-#include "recon/geometry/order_statistics.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/localise/visual_odometry.hpp"
@@ -21,8 +21,8 @@ namespace fathom::topside {
 
 namespace {
 
-std::vector<RigMatch> matchesOf(const MissionInput& input, const Survey& survey, const LightingModels& models,
-                                std::size_t pair) {
+std::vector<RigMatch> rigMatchesOf(const MissionInput& input, const Survey& survey,
+                                   const LightingModels& models, std::size_t pair) {
   const ImagePair& names = survey.list.pairs[pair];
   std::vector<RigMatch> matches;
   if (input.features_only) {
@@ -30,7 +30,7 @@ std::vector<RigMatch> matchesOf(const MissionInput& input, const Survey& survey,
     try {
       io::readFeatureFile(input.paths.features() / io::featureFileName(names.left), frame);
     } catch (const InputError&) {
-      return matches;  // who prepares the pair says so
+      return matches;  // the pair's preparation reports it
     }
     for (const StereoFeature& f : frame.features)
       matches.push_back({f.left.cast<double>(), f.right.cast<double>()});
@@ -50,7 +50,7 @@ std::vector<RigMatch> matchesOfDive(const MissionInput& input, const Survey& sur
   const std::size_t count = std::min(known.size(), wanted);
   std::vector<std::vector<RigMatch>> found(count);
   oneapi::tbb::parallel_for(std::size_t{0}, count, [&](std::size_t k) {
-    found[k] = matchesOf(input, survey, models, known[k * known.size() / count]);
+    found[k] = rigMatchesOf(input, survey, models, known[k * known.size() / count]);
   });
   std::vector<RigMatch> matches;
   for (const auto& some : found) matches.insert(matches.end(), some.begin(), some.end());
@@ -115,7 +115,7 @@ struct Run {
 };
 
 // Spread over all steps: how the rig turns what it sees shows against roll and pitch over a run's length.
-std::vector<Run> runsOf(std::size_t steps) {
+std::vector<Run> stepRunsOf(std::size_t steps) {
   constexpr std::size_t kOfRun = 20;
   const std::size_t wanted = std::clamp(steps / kRigShare, kLeastRigSteps, kMostRigSteps),
                     runs = (std::min(steps, wanted) + kOfRun - 1) / kOfRun;
@@ -140,7 +140,7 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   MissionInput turned = input;
   turned.rig = rigAsFound(input.rig, out);
   const std::vector<Step> all = stepsOf(turned, survey);
-  const std::vector<Run> runs = runsOf(all.size());
+  const std::vector<Run> runs = stepRunsOf(all.size());
   struct Seen {
     double range = 0;
     closure::Registration link;
@@ -164,24 +164,24 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   slam::RigPrior prior = config.navigation.rig;
   prior.baseline = turned.rig.baseline();
   prior.turn = out.yaw_sigma;
-  slam::DvlCalibration ways(config.navigation.noise,
-                            input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
-                            prior);
-  if (!all.empty()) ways.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
+  slam::DvlCalibration steps_of_dvl(
+      config.navigation.noise, input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
+      prior);
+  if (!all.empty()) steps_of_dvl.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
   std::vector<double> ranges;
   for (std::size_t k = 0; k < all.size(); ++k) {
     if (!seen[k].link.accepted()) continue;
     const Step& step = all[k];
-    (void)ways.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance, step.quality,
-                   seen[k].range);
+    (void)steps_of_dvl.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance,
+                           step.quality, seen[k].range);
     ranges.push_back(seen[k].range);
   }
   out.steps = ranges.size();
   const double range = median(std::move(ranges));
-  const calibration::RangeError left{ways.rangeError().x(), ways.rangeError().y()};
+  const calibration::RangeError left{steps_of_dvl.rangeError().x(), steps_of_dvl.rangeError().y()};
   out.range.scale += left.scale;
   out.range.per_metre += left.per_metre;
-  out.range_sigma = ways.rangeSigma(range);
+  out.range_sigma = steps_of_dvl.rangeSigma(range);
   constexpr double kBeyondChance = 3;  // standard deviations
   return std::abs(left.at(range)) > kBeyondChance * out.range_sigma;
 }
@@ -205,7 +205,7 @@ RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const
   out.after = check.sigma_after;
   out.moved = calibration::explainsMove(check);
   for (int round = 0; round < kRounds; ++round) {
-    if (calibration::tellsRig(check)) addTurn(check, out);
+    if (calibration::measuresRig(check)) addTurn(check, out);
     if (!input.navigated || !addRange(input, config, survey, models, out)) break;
     check = calibration::checkEpipolar(rigAsFound(input.rig, out), matches);
   }
@@ -232,7 +232,7 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
 
 std::optional<std::string> warningOf(const RigFinding& found) {
   if (!found.moved) return std::nullopt;
-  return "The rig does not stand as it was calibrated: matches lie up to " + decimals(found.before, 1) +
+  return "The rig does not stand as it was calibrated: matches are up to " + decimals(found.before, 1) +
          " px off their epipolar lines. This run takes " +
          calibration::describeChange(found.rotation, found.focal) + ", which leaves " +
          decimals(found.after, 2) + " px a match. Calibrate again.";

@@ -7,14 +7,14 @@
 
 #include "recon/calibration/rig_history.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "recon/slam/dvl_calibration.hpp"
+#include "recon/navigation/sensors/dvl_calibration.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 
 namespace fathom::topside {
 
 // How the rig stands in this dive against how it was calibrated: its turn and focal lengths by matches that
-// are found without its help, as far from their epipolar lines as they lie; what these do not show, a
+// are found without its help, as far from their epipolar lines as they are; what these do not show, a
 // baseline or principal points that are wrong, by paths between pairs as visual odometry and the DVL measure
 // them, weighed by what is known of both beforehand (slam::DvlCalibration).
 struct RigFinding {
@@ -47,7 +47,7 @@ inline constexpr std::size_t kRigPairs = 40, kMovedRigPairs = 120, kLeastRigStep
 [[nodiscard]] StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found);
 // What is then still open of it.
 [[nodiscard]] slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found);
-// For who reads the report; none where the rig stands as it was calibrated.
+// For readers of the report; none where the rig stands as it was calibrated.
 [[nodiscard]] std::optional<std::string> warningOf(const RigFinding& found);
 
 }  // namespace fathom::topside

@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/geometry/symmetric_eigen.hpp"
 #include "telemetry/web/report_page.hpp"
 
@@ -19,13 +19,13 @@ using calibration::BoardError;
 using Json = nlohmann::ordered_json;
 
 constexpr double kMaxZ = 0.02, kAtRange = 2.0;  // [m]
-constexpr double kNearest = 1.0;                // [m]
+constexpr double kNearestRange = 1.0;           // [m]
 constexpr double kMaxScaleError = 0.005;
 constexpr double kSigmas = 3;  // of the ellipses
-constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
+constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 
 double allowed(const BoardError& board) {
-  const double range = std::max(board.range, kNearest) / kAtRange;
+  const double range = std::max(board.range, kNearestRange) / kAtRange;
   return kMaxZ * range * range;
 }
 
@@ -44,7 +44,7 @@ double largest(const std::vector<double>& values) {
 }
 
 web::Plot scatter(const BoardCheck& check, int a, int b) {
-  const std::string x = kAxes[static_cast<std::size_t>(a)], y = kAxes[static_cast<std::size_t>(b)];
+  const std::string x = kAxisNames[static_cast<std::size_t>(a)], y = kAxisNames[static_cast<std::size_t>(b)];
   web::Plot plot{.title = x + " - " + y + ", a colour a board; line: three standard deviations",
                  .x = x + " error [mm]",
                  .y = y + " error [mm]",
@@ -63,9 +63,10 @@ web::Plot scatter(const BoardCheck& check, int a, int b) {
   constexpr int kCorners = 90;
   for (int i = 0; i <= kCorners; ++i) {
     const double angle = 2 * std::numbers::pi * i / kCorners;
-    const Eigen::Vector2d way(std::cos(angle), std::sin(angle));
+    const Eigen::Vector2d direction(std::cos(angle), std::sin(angle));
     ellipse.at.push_back(1e3 * Eigen::Vector2d(check.mean(a), check.mean(b)) +
-                         kSigmas * axes.vectors * axes.values.cwiseMax(0.0).cwiseSqrt().cwiseProduct(way));
+                         kSigmas * axes.vectors *
+                             axes.values.cwiseMax(0.0).cwiseSqrt().cwiseProduct(direction));
   }
   plot.series.push_back(std::move(ellipse));
   return plot;
@@ -75,7 +76,7 @@ web::Plot errorsAlong(const BoardCheck& check, int axis) {
   constexpr int kBins = 41;
   const std::vector<double> values = along(check, axis);
   const double reach = largest(values);
-  const std::string name = kAxes[static_cast<std::size_t>(axis)];
+  const std::string name = kAxisNames[static_cast<std::size_t>(axis)];
   web::Plot plot = web::histogram(
       values, -reach, reach, kBins, name + " error [mm]",
       name + ": standard deviation " + decimals(1e3 * std::sqrt(check.covariance(axis, axis)), 2) + " mm");
@@ -83,8 +84,8 @@ web::Plot errorsAlong(const BoardCheck& check, int axis) {
   return plot;
 }
 
-Json toJson(const BoardCheck& check, const BoardVerdict& verdict,
-            const std::vector<calibration::DroppedView>& dropped) {
+Json boardJson(const BoardCheck& check, const BoardVerdict& verdict,
+               const std::vector<calibration::DroppedView>& dropped) {
   Json boards = Json::array(), without = Json::array();
   for (const BoardError& b : check.boards)
     boards.push_back({{"name", b.name},
@@ -106,9 +107,9 @@ Json toJson(const BoardCheck& check, const BoardVerdict& verdict,
           {"dropped", without}};
 }
 
-web::Report pageOf(const BoardCheck& check, const BoardVerdict& verdict,
-                   const std::vector<calibration::DroppedView>& dropped) {
-  web::Report report(
+web::ReportPage boardPageOf(const BoardCheck& check, const BoardVerdict& verdict,
+                            const std::vector<calibration::DroppedView>& dropped) {
+  web::ReportPage report(
       "Check of a stereo calibration on chessboards",
       "Corners triangulated through the rig less the board of its known size, moved rigidly onto them; left "
       "camera frame (x right, y down, z away).");
@@ -157,8 +158,8 @@ BoardVerdict judge(const BoardCheck& check) {
 
 void writeBoardCheck(const std::filesystem::path& folder, const BoardCheck& check,
                      const BoardVerdict& verdict, const std::vector<calibration::DroppedView>& dropped) {
-  pageOf(check, verdict, dropped).write(folder / "board-check.html");
-  writeFile(folder / "board-check.json", toJson(check, verdict, dropped).dump(2) + "\n");
+  boardPageOf(check, verdict, dropped).write(folder / "board-check.html");
+  writeFile(folder / "board-check.json", boardJson(check, verdict, dropped).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <set>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/geometry/flat_port.hpp"
 #include "telemetry/web/report_page.hpp"
 
@@ -19,7 +19,6 @@ using calibration::Corners;
 using calibration::RigCalibration;
 using Json = nlohmann::ordered_json;
 
-constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr int kCellsAcross = 8, kCellsDown = 6;
 // Where less of an image than this was seen, its distortion there is guessed.
 constexpr double kEnoughCoverage = 0.7;
@@ -62,11 +61,11 @@ Json portJson(const Camera& camera, const calibration::PortSigma& sigma) {
           {"water_index", port.water_index}};
 }
 
-Json triple(const Eigen::Vector3d& v) {
+Json tripleJson(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-Json toJson(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
+Json calibrationJson(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
   Json views = Json::array(), dropped = Json::array();
   for (const CalibratedView& v : done.views)
     views.push_back({{"name", v.name},
@@ -84,10 +83,10 @@ Json toJson(const RigCalibration& done, const std::optional<calibration::Chessbo
           {"rms_alone_px", alone},
           {"baseline_m", {{"value", done.rig.baseline()}, {"sigma", done.sigma.baseline}}},
           {"T_right_left",
-           {{"translation_m", triple(T.translation())},
-            {"translation_sigma_m", triple(done.sigma.translation)},
-            {"euler_rad", triple(T.euler())},
-            {"rotation_sigma_rad", triple(done.sigma.rotation)}}},
+           {{"translation_m", tripleJson(T.translation())},
+            {"translation_sigma_m", tripleJson(done.sigma.translation)},
+            {"euler_rad", tripleJson(T.euler())},
+            {"rotation_sigma_rad", tripleJson(done.sigma.rotation)}}},
           {"left", cameraJson(lensOf(done.rig.left), done.sigma.left)},
           {"right", cameraJson(lensOf(done.rig.right), done.sigma.right)},
           {"left_port", portJson(done.rig.left, done.sigma.left_port)},
@@ -160,7 +159,7 @@ web::Plot viewBars(const RigCalibration& done) {
           .series = {std::move(left), std::move(right), std::move(all)}};
 }
 
-void addParameters(web::Report& report, const RigCalibration& done) {
+void addParameters(web::ReportPage& report, const RigCalibration& done) {
   std::vector<web::Row> rows;
   const Camera &left = lensOf(done.rig.left), &right = lensOf(done.rig.right);
   const bool ports = done.rig.left.port && done.rig.right.port;
@@ -178,16 +177,18 @@ void addParameters(web::Report& report, const RigCalibration& done) {
     rows.push_back({"port: distance [mm]", web::plusMinus(1e3 * p.distance, 1e3 * of_p.distance, 2),
                     web::plusMinus(1e3 * q.distance, 1e3 * of_q.distance, 2)});
     for (const Eigen::Index i : {0, 1})
-      rows.push_back({i == 0 ? "port: normal to the right [deg]" : "port: normal downwards [deg]",
-                      web::plusMinus(kDegrees * p.normal(i), kDegrees * of_p.normal(i), 3),
-                      web::plusMinus(kDegrees * q.normal(i), kDegrees * of_q.normal(i), 3)});
+      rows.push_back(
+          {i == 0 ? "port: normal to the right [deg]" : "port: normal downwards [deg]",
+           web::plusMinus(kDegreesPerRadian * p.normal(i), kDegreesPerRadian * of_p.normal(i), 3),
+           web::plusMinus(kDegreesPerRadian * q.normal(i), kDegreesPerRadian * of_q.normal(i), 3)});
   }
   report.table({"", ports ? "left, in air" : "left", ports ? "right, in air" : "right"}, rows);
   const SE3& T = done.rig.T_right_left;
   web::Row translation{"translation [mm]"}, rotation{"rotation (Euler) [deg]"};
   for (int i = 0; i < 3; ++i) {
     translation.emplace_back(web::plusMinus(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2));
-    rotation.emplace_back(web::plusMinus(kDegrees * T.euler()(i), kDegrees * done.sigma.rotation(i), 4));
+    rotation.emplace_back(
+        web::plusMinus(kDegreesPerRadian * T.euler()(i), kDegreesPerRadian * done.sigma.rotation(i), 4));
   }
   report.table({"right from left", "x", "y", "z"}, {translation, rotation});
 }
@@ -211,19 +212,20 @@ std::string summaryOf(const RigCalibration& done, const std::optional<calibratio
          "or a wrong square.";
 }
 
-web::Report pageOf(const RigCalibration& done, const std::optional<calibration::Chessboard>& board,
-                   const std::string& name) {
-  web::Report report("Stereo calibration " + name, summaryOf(done, board));
+web::ReportPage calibrationPageOf(const RigCalibration& done,
+                                  const std::optional<calibration::Chessboard>& board,
+                                  const std::string& name) {
+  web::ReportPage report("Stereo calibration " + name, summaryOf(done, board));
   report.section("Parameters");
   addParameters(report, done);
   const double left = coverage(done.views, &CalibratedView::left, done.rig.left);
   const double right = coverage(done.views, &CalibratedView::right, done.rig.right);
   report.section("Coverage");
-  report.text("Points seen lie in " + decimals(100 * left, 0) + " % (left) and " + decimals(100 * right, 0) +
+  report.text("Points seen are in " + decimals(100 * left, 0) + " % (left) and " + decimals(100 * right, 0) +
               " % (right) of the cells of an 8 x 6 grid over the image.");
   if (std::min(left, right) < kEnoughCoverage)
     report.warning(
-        "That is little: where none lies the distortion is guessed; take pairs that show something in the "
+        "That is little: where none is the distortion is guessed; take pairs that show something in the "
         "empty parts.");
   report.plot(coveragePlot(done, done.rig.left, &CalibratedView::left, "left: points seen, a colour a view"));
   report.plot(coveragePlot(done, done.rig.right, &CalibratedView::right, "right"));
@@ -271,8 +273,8 @@ double coverage(const std::vector<CalibratedView>& views, Corners CalibratedView
 
 void writeCalibrationReport(const std::filesystem::path& calib, const RigCalibration& done,
                             const std::optional<calibration::Chessboard>& board) {
-  pageOf(done, board, calib.filename().string()).write(calib.string() + ".html");
-  writeFile(calib.string() + ".json", toJson(done, board).dump(2) + "\n");
+  calibrationPageOf(done, board, calib.filename().string()).write(calib.string() + ".html");
+  writeFile(calib.string() + ".json", calibrationJson(done, board).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/compare/difference_picture.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/compare/difference.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -16,8 +16,6 @@ namespace {
 using compare::Comparison, compare::DifferenceStatistics, compare::HeightMap;
 
 using Json = nlohmann::ordered_json;
-
-constexpr double kDegree = 180.0 / std::numbers::pi;
 
 Json number(double value) {
   return std::isfinite(value) ? Json(value) : Json(nullptr);
@@ -58,11 +56,11 @@ double scaleOf(const Comparison& c) {
 
 std::string offsetText(double value, double sigma) {
   return std::isfinite(sigma) ? web::plusMinus(value, sigma, 4) + " m"
-                              : decimals(value, 4) + " m, not told by the terrain";
+                              : decimals(value, 4) + " m, not resolved by the terrain";
 }
 
 std::vector<web::Row> offsetRows(const Comparison& c) {
-  const compare::Registration& r = c.registration;
+  const compare::SurfaceRegistration& r = c.registration;
   std::vector<web::Row> rows{{"east", offsetText(r.offset.shift.x(), r.sigma.x())},
                              {"north", offsetText(r.offset.shift.y(), r.sigma.y())},
                              {"up", offsetText(r.offset.shift.z(), r.sigma.z())}};
@@ -73,16 +71,17 @@ std::vector<web::Row> offsetRows(const Comparison& c) {
     slope("slope to the east", r.offset.tilt.x(), r.tilt_sigma.x());
     slope("slope to the north", r.offset.tilt.y(), r.tilt_sigma.y());
   }
-  if (r.directions_told == 1)
-    rows.push_back({"not told along bearing", decimals(r.open_bearing * kDegree, 0) + " deg"});
+  if (r.directions_resolved == 1)
+    rows.push_back({"not resolved along bearing", decimals(r.open_bearing * kDegreesPerRadian, 0) + " deg"});
   rows.push_back({"relief without its slope", decimals(r.relief, 3) + " m"});
   rows.push_back({"correlation of the terrains", decimals(r.correlation, 3)});
   return rows;
 }
 
-web::Report pageOf(const Comparison& c, const std::filesystem::path& folder) {
-  web::Report report("Survey against reference",
-                     "Difference: survey less reference, in metres. difference.tif beside this page has it.");
+web::ReportPage pageOf(const Comparison& c, const std::filesystem::path& folder) {
+  web::ReportPage report(
+      "Survey against reference",
+      "Difference: survey less reference, in metres. difference.tif beside this page has it.");
   report.table({}, {{"survey", c.options.survey.string() + " (" + c.survey_about + ")"},
                     {"reference", c.options.reference.string() + " (" + c.reference_about +
                                       (c.reference_turned ? ", depths turned into heights" : "") + ")"},
@@ -120,7 +119,7 @@ web::Report pageOf(const Comparison& c, const std::filesystem::path& folder) {
   head.emplace_back("RMS of d / sigma");
   if (!rows.empty()) report.table(head, rows);
   report.section("Heights");
-  report.pictureFile(folder / "survey.png", "The survey, where it says that it lies.");
+  report.pictureFile(folder / "survey.png", "The survey at its own place.");
   report.pictureFile(folder / "reference.png", "The reference in its cells.");
   return report;
 }
@@ -128,7 +127,7 @@ web::Report pageOf(const Comparison& c, const std::filesystem::path& folder) {
 }  // namespace
 
 std::string comparisonJson(const Comparison& c) {
-  const compare::Registration& r = c.registration;
+  const compare::SurfaceRegistration& r = c.registration;
   Json json;
   json["survey"] = c.options.survey.string();
   json["reference"] = c.options.reference.string();
@@ -146,8 +145,9 @@ std::string comparisonJson(const Comparison& c) {
   offset["east_sigma_m"] = number(r.sigma.x());
   offset["north_sigma_m"] = number(r.sigma.y());
   offset["up_sigma_m"] = number(r.sigma.z());
-  offset["horizontal_directions_told"] = r.directions_told;
-  offset["open_bearing_deg"] = r.directions_told == 1 ? Json(r.open_bearing * kDegree) : Json(nullptr);
+  offset["horizontal_directions_told"] = r.directions_resolved;
+  offset["open_bearing_deg"] =
+      r.directions_resolved == 1 ? Json(r.open_bearing * kDegreesPerRadian) : Json(nullptr);
   offset["at_limit"] = r.at_limit;
   offset["tilt_east"] = r.offset.tilt.x();
   offset["tilt_north"] = r.offset.tilt.y();
@@ -179,7 +179,7 @@ std::string comparisonJson(const Comparison& c) {
 }
 
 std::string comparisonText(const Comparison& c) {
-  const compare::Registration& r = c.registration;
+  const compare::SurfaceRegistration& r = c.registration;
   const DifferenceStatistics& s = c.difference.after;
   std::string text;
   for (const std::string& note : c.notes) text += "note: " + note + "\n";

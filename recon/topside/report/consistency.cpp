@@ -6,9 +6,9 @@
 #include <map>
 #include <optional>
 
-#include "firmware_if/files/images/image_times.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/pose_files.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/pose_files.hpp"
 #include "recon/closure/candidates.hpp"
 
 namespace fathom::topside {
@@ -109,7 +109,7 @@ Consistency compareWithTruth(const std::filesystem::path& mission, const SE3& T_
   Consistency out;
   const std::filesystem::path folder = mission / "truth";
   if (!std::filesystem::exists(folder / "trajectory.csv")) return out;
-  // The vehicle may have been told wrongly how the camera is mounted.
+  // The camera's mounting may be wrong in mission.toml.
   const SE3 mounted = std::filesystem::exists(folder / "mission.toml")
                           ? io::readMissionConfig(folder).T_body_cam
                           : T_body_cam;

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/camera.hpp"
-#include "recon/topside/input/images/image_pairs.hpp"
+#include "recon/import/images/image_pairs.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 
 namespace fathom::topside {

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -10,7 +10,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using web::Row;
 
-Json numbers(const Eigen::Vector3d& v) {
+Json jsonOf(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
@@ -53,10 +53,10 @@ Json controlJson(const ControlResult& control) {
              {"use", useOf(p)},
              {"marks", p.marks},
              {"marks_left_out", p.marks_left_out},
-             {"north_east_down_m", numbers(p.place)},
-             {"sigma_m", numbers(p.sigma)},
+             {"north_east_down_m", jsonOf(p.place)},
+             {"sigma_m", jsonOf(p.sigma)},
              {"pixel_rms", p.pixel_rms}};
-    if (p.surveyed) one["off_m"] = numbers(p.off);
+    if (p.surveyed) one["off_m"] = jsonOf(p.off);
     points.push_back(std::move(one));
   }
   for (const ControlResult::Bar& b : control.bars)
@@ -74,7 +74,7 @@ Json controlJson(const ControlResult& control) {
           {"bars", bars}};
 }
 
-void addControl(web::Report& report, const ControlResult& control) {
+void addControl(web::ReportPage& report, const ControlResult& control) {
   if (control.points.empty()) return;
   report.section("Control points");
   report.text(

@@ -6,7 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
-#include "recon/geometry/triangle_scan.hpp"
+#include "recon/geometry/triangles.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "recon/geometry/colour_difference.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/geometry/colour.hpp"
 #include "recon/topside/dive.hpp"
 #include "recon/topside/light/pair_images.hpp"
 

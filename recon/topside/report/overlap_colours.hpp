@@ -26,7 +26,7 @@ struct OverlapColours {
 struct PlaceColours {
   Eigen::Vector3d a, b;
 };
-// Mean of the square about a pixel that is a place, kPlaceReach to all sides, which must lie in the image.
+// Mean of the square about a pixel that is a place, kPlaceReach to all sides, which must be in the image.
 [[nodiscard]] Eigen::Vector3d colourAbout(const ImageView& image, const Eigen::Vector2d& pixel);
 inline constexpr int kPlaceReach = 8;  // [px]
 // After one gain for each channel that makes the mean of all places grey.

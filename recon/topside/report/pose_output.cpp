@@ -2,9 +2,9 @@
 
 #include <cmath>
 
-#include "firmware_if/files/pose_files.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "firmware_if/mission/pose_files.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/topside/localise/crossovers.hpp"
 
 namespace fathom::topside {

@@ -2,10 +2,10 @@
 #include <cmath>
 #include <initializer_list>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
-#include "recon/topside/report/report.hpp"
+#include "recon/topside/report/run_record.hpp"
 #include "recon/topside/report/slam_json.hpp"
 #include "telemetry/web/report_page.hpp"
 
@@ -26,7 +26,7 @@ void addLocalisation(std::vector<Row>& rows, const SlamResult* slam) {
   rows.push_back({"closures", slam->closures.size() - removed});
   rows.push_back({"closures taken out again", removed});
   rows.push_back({"closures left out: nothing confirmed them", slam->unconfirmed});
-  rows.push_back({"ground seen before, expected", decimals(slam->crossings_expected, 1) + " m of way"});
+  rows.push_back({"ground seen before, expected", decimals(slam->crossings_expected, 1) + " m of track"});
   rows.push_back({"of it without a closure", decimals(slam->crossings_unverified, 1) + " m"});
   for (const auto& [name, value] : bundleRows(*slam)) rows.push_back({name, value});
   if (slam->parts.empty())
@@ -42,7 +42,7 @@ std::string reasonOf(closure::Refusal why) {
              : "too little in common: no overlap, too fast a motion, or bare ground (" + name + ")";
 }
 
-void addParts(web::Report& report, const RunRecord& r) {
+void addParts(web::ReportPage& report, const RunRecord& r) {
   if (r.slam == nullptr || r.slam->parts.size() < 2) return;
   report.section("Parts");
   report.text("Each stands for itself: distances from one to another mean nothing.");
@@ -54,7 +54,7 @@ void addParts(web::Report& report, const RunRecord& r) {
                rows);
 }
 
-void addMapPictures(web::Report& report, const RunRecord& r, const MapPicture& map) {
+void addMapPictures(web::ReportPage& report, const RunRecord& r, const MapPicture& map) {
   const auto add = [&](const std::vector<std::uint8_t>& rgb, const std::string& caption) {
     if (!rgb.empty()) report.picture(toPng(rgb, map.width, map.height), caption);
   };
@@ -68,20 +68,20 @@ void addMapPictures(web::Report& report, const RunRecord& r, const MapPicture& m
 // The dive's track, and the pairs' places in the map and out of it.
 web::Plot trackPlot(const RunRecord& r) {
   using Kind = web::Series::Kind;
-  web::Series way{.label = "the vehicle's way", .colour = web::kGrey},
+  web::Series track{.label = "the vehicle's track", .colour = web::kGrey},
       used{.label = "pairs in the map", .kind = Kind::kDots, .colour = web::kGreen},
       left_out{.label = "pairs with too few points", .kind = Kind::kDots, .colour = web::kRed};
   for (const NavigatedPose& p : r.navigation->track)
-    if (p.T_nav_body) way.at.push_back(eastNorth(*p.T_nav_body));
+    if (p.T_nav_body) track.at.push_back(eastNorth(*p.T_nav_body));
   for (const FusedPair& p : r.fused->pairs) (p.used ? used : left_out).at.push_back(eastNorth(p.T_nav_body));
   return {.title = "Track of the dive, north up",
           .x = "east [m]",
           .y = "north [m]",
-          .series = {std::move(way), std::move(used), std::move(left_out)},
+          .series = {std::move(track), std::move(used), std::move(left_out)},
           .equal = true};
 }
 
-void addLighting(web::Report& report, const RunRecord& r) {
+void addLighting(web::ReportPage& report, const RunRecord& r) {
   const auto error = [](double value) {
     return value < 0 ? std::string("-") : decimals(100 * value, 1) + " %";
   };
@@ -106,7 +106,7 @@ void addLighting(web::Report& report, const RunRecord& r) {
 // Stages of a pair as table 2 of Johnson-Roberson et al. 2010 counts them.
 constexpr double kReferenceSeconds = 0.47;  // a pair: stereo, fusion, simplification, meshes with texture
 
-void addTimes(web::Report& report, const RunRecord& r) {
+void addTimes(web::ReportPage& report, const RunRecord& r) {
   std::vector<Row> stages;
   for (const StageLine& stage : r.stages)
     stages.push_back({stage.name, decimals(stage.seconds, 2), stage.made, stage.there});
@@ -139,7 +139,7 @@ void addTimes(web::Report& report, const RunRecord& r) {
                      decimals(static_cast<double>(r.peak_bytes) / 1048576.0, 0) + " MiB"}});
 }
 
-void addModel(web::Report& report, const RunRecord& r) {
+void addModel(web::ReportPage& report, const RunRecord& r) {
   std::vector<Row> levels;
   std::uint64_t bytes = 0;
   for (const LevelSummary& l : r.levels) {
@@ -160,14 +160,14 @@ void addModel(web::Report& report, const RunRecord& r) {
               " MB of tiles a pair. Digest of all files but this report: " + r.content.substr(0, 16) + ".");
 }
 
-void addLayers(web::Report& report, const std::filesystem::path& folder, const RunRecord& r) {
+void addLayers(web::ReportPage& report, const std::filesystem::path& folder, const RunRecord& r) {
   for (const LayerInfo& layer : r.layers)
     if (!layer.picture.empty())
       report.pictureFile(folder / layer.picture,
                          layer.title + (layer.unit.empty() ? "" : " [" + layer.unit + "]"));
 }
 
-std::vector<Row> countRows(const RunRecord& r) {
+std::vector<Row> runCountRows(const RunRecord& r) {
   const FuseCounts& counts = r.fused->counts;
   const Anchor& anchor = r.navigation->anchor;
   const bool images_alone = r.slam != nullptr && !r.slam->parts.empty();
@@ -204,7 +204,7 @@ std::vector<Row> countRows(const RunRecord& r) {
 }  // namespace
 
 void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, const MapPicture& map) {
-  web::Report report(
+  web::ReportPage report(
       r.vehicle + ", dive " + std::to_string(r.dive_id),
       r.mission + ". fathom-topside " + r.software_version + ", " + std::to_string(r.fused->counts.used) +
           " of " + std::to_string(r.list->pairs.size()) + " stereo pairs, " + decimals(r.area, 1) +
@@ -232,7 +232,7 @@ void writeReportHtml(const std::filesystem::path& path, const RunRecord& r, cons
   report.section("Lighting");
   if (!r.list->features_only) addLighting(report, r);
   report.section("Counts");
-  report.table({}, countRows(r));
+  report.table({}, runCountRows(r));
   report.section("Unreadable");
   std::vector<std::string> lines = r.fused->counts.unreadable_lines;
   constexpr std::size_t kLines = 20;

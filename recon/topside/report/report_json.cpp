@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/topside/report/report.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/topside/report/run_record.hpp"
 #include "recon/topside/report/slam_json.hpp"
 
 namespace fathom::topside {
@@ -101,18 +101,18 @@ Json lightingJson(const RunRecord& r) {
 
 // How the rig stands against its calibration.
 Json rigJson(const RigFinding& r) {
-  constexpr double kDegree = std::numbers::pi / 180;
-  return {
-      {"matches", r.matches},
-      {"epipolar_px", r.before},
-      {"epipolar_after_px", r.after},
-      {"mended", r.moved},
-      {"right_turned_deg", {r.rotation.x() / kDegree, r.rotation.y() / kDegree, r.rotation.z() / kDegree}},
-      {"right_focal_longer", r.focal},
-      {"paths", r.steps},
-      {"ranges_too_long", r.range.scale},
-      {"ranges_too_long_per_m", r.range.per_metre},
-      {"ranges_sigma", r.range_sigma}};
+  return {{"matches", r.matches},
+          {"epipolar_px", r.before},
+          {"epipolar_after_px", r.after},
+          {"mended", r.moved},
+          {"right_turned_deg",
+           {r.rotation.x() / kRadiansPerDegree, r.rotation.y() / kRadiansPerDegree,
+            r.rotation.z() / kRadiansPerDegree}},
+          {"right_focal_longer", r.focal},
+          {"paths", r.steps},
+          {"ranges_too_long", r.range.scale},
+          {"ranges_too_long_per_m", r.range.per_metre},
+          {"ranges_sigma", r.range_sigma}};
 }
 
 Json navigationJson(const Navigation& n) {

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/topside/report/control_report.hpp"
 
 namespace fathom::topside {
@@ -12,28 +12,28 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kDegree = std::numbers::pi / 180;  // [rad]
 constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
 
-Json numbers(const Eigen::Vector3d& v) {
+Json threeNumbers(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-// Error and claimed standard deviation in nav axes: north, east, down; turn about them.
+// Estimate less truth and estimated standard deviation in nav axes (north, east, down); rotation about these.
 Json momentJson(const Consistency::Moment& m) {
   return {{"time_s", m.time_s},
-          {"error_m", numbers(m.position)},
-          {"sigma_m", numbers(m.sigma_position)},
-          {"turn_error_rad", numbers(m.turn)},
-          {"turn_sigma_rad", numbers(m.sigma_turn)},
+          {"error_m", threeNumbers(m.position)},
+          {"sigma_m", threeNumbers(m.sigma_position)},
+          {"turn_error_rad", threeNumbers(m.turn)},
+          {"turn_sigma_rad", threeNumbers(m.sigma_turn)},
           {"squared_error_over_covariance", m.squared},
           {"squared_error_over_covariance_since_first", m.since_first}};
 }
 
+// SlamResult::mounting has camera_turn in body axes: roll, pitch, yaw.
 Json mountingJson(const slam::Mounting& m) {
   return {{"steps", m.steps},
-          {"camera_roll_pitch_yaw_rad", numbers(m.camera_turn)},
-          {"camera_roll_pitch_yaw_sigma_rad", numbers(m.camera_turn_sigma)},
+          {"camera_roll_pitch_yaw_rad", threeNumbers(m.camera_turn)},
+          {"camera_roll_pitch_yaw_sigma_rad", threeNumbers(m.camera_turn_sigma)},
           {"dvl_scale", m.dvl_scale},
           {"dvl_scale_sigma", m.dvl_scale_sigma},
           {"time_offset_s", m.time_offset},
@@ -62,25 +62,26 @@ std::string withSigma(double value, double sigma, int digits) {
   return decimals(value, digits) + " (standard deviation " + decimals(sigma, digits) + ")";
 }
 
-// What is far beyond its claim, and enough to matter.
+// Significant (over 4 sigma) and larger than the threshold `matters`, in the unit of `value`.
 bool off(double value, double sigma, double matters) {
   constexpr double kSigmas = 4;
   return std::abs(value) > std::max(kSigmas * sigma, matters);
 }
 
 void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings) {
-  constexpr double kTurn = kDegree, kScale = 0.02, kOffset = 0.05;  // [rad], [1], [s]
+  constexpr double kTurn = kRadiansPerDegree, kScale = 0.02, kOffset = 0.05;  // [rad], [1], [s]
   for (int i = 0; i < 3; ++i)
     if (off(m.camera_turn(i), m.camera_turn_sigma(i), kTurn))
-      warnings.push_back("The camera seems turned in " + std::string(kAngles[i]) + " by " +
-                         withSigma(m.camera_turn(i) / kDegree, m.camera_turn_sigma(i) / kDegree, 2) +
-                         " degrees against attitude sensor and DVL: check extrinsics in mission.toml.");
+      warnings.push_back(
+          "The camera seems turned in " + std::string(kAngles[i]) + " by " +
+          withSigma(m.camera_turn(i) / kRadiansPerDegree, m.camera_turn_sigma(i) / kRadiansPerDegree, 2) +
+          " degrees against attitude sensor and DVL: check extrinsics in mission.toml.");
   if (off(m.dvl_scale, m.dvl_scale_sigma, kScale))
-    warnings.push_back("Ways by DVL seem short by " +
+    warnings.push_back("Distances by DVL seem short by " +
                        withSigma(100 * m.dvl_scale, 100 * m.dvl_scale_sigma, 2) +
                        " percent: check the sound speed, and the cameras' baseline.");
   if (off(m.time_offset, m.time_offset_sigma, kOffset))
-    warnings.push_back("Images seem taken later than they say, by " +
+    warnings.push_back("Images seem taken later than stamped, by " +
                        withSigma(m.time_offset, m.time_offset_sigma, 3) +
                        " s: check time offsets in mission.toml.");
 }
@@ -102,9 +103,9 @@ std::vector<std::pair<std::string, std::string>> bundleRows(const SlamResult& s)
   const SlamResult::Bundled& b = s.bundled;
   if (!b.done) return {};
   return {{"points of the bundle adjustment", std::to_string(b.points)},
-          {"their pixels off, rms, before and after",
+          {"reprojection error, rms, before and after",
            decimals(b.pixel_before, 3) + " and " + decimals(b.pixel_after, 3) + " px"},
-          {"moved by it", decimals(1000 * b.moved_rms, 1) + " mm rms"}};
+          {"cameras moved by bundle adjustment", decimals(1000 * b.moved_rms, 1) + " mm rms"}};
 }
 
 std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResult& s) {
@@ -112,20 +113,21 @@ std::vector<std::pair<std::string, std::string>> calibrationRows(const SlamResul
   const SlamResult::Usbl& u = s.usbl;
   std::vector<std::pair<std::string, std::string>> rows;
   for (int i = 0; i < 3; ++i)
-    rows.emplace_back(std::string("camera against attitude sensor and DVL, ") + kAngles[i] + " [deg]",
-                      withSigma(m.camera_turn(i) / kDegree, m.camera_turn_sigma(i) / kDegree, 3));
-  rows.emplace_back("true way over the DVL's, less 1", withSigma(m.dvl_scale, m.dvl_scale_sigma, 5));
-  rows.emplace_back("images later than they say [s]", withSigma(m.time_offset, m.time_offset_sigma, 4));
+    rows.emplace_back(
+        std::string("camera against attitude sensor and DVL, ") + kAngles[i] + " [deg]",
+        withSigma(m.camera_turn(i) / kRadiansPerDegree, m.camera_turn_sigma(i) / kRadiansPerDegree, 3));
+  rows.emplace_back("true distance over the DVL's, less 1", withSigma(m.dvl_scale, m.dvl_scale_sigma, 5));
+  rows.emplace_back("images later than stamped [s]", withSigma(m.time_offset, m.time_offset_sigma, 4));
   if (!u.sought) return rows;
   rows.emplace_back("USBL positions to be shifted north [m]", withSigma(u.shift.x(), u.shift_sigma.x(), 2));
   rows.emplace_back("USBL positions to be shifted east [m]", withSigma(u.shift.y(), u.shift_sigma.y(), 2));
   rows.emplace_back("USBL positions to be turned about their middle [deg]",
-                    withSigma(u.turn / kDegree, u.turn_sigma / kDegree, 2));
+                    withSigma(u.turn / kRadiansPerDegree, u.turn_sigma / kRadiansPerDegree, 2));
   return rows;
 }
 
 std::vector<std::string> slamWarnings(const SlamResult& s) {
-  constexpr double kUnverified = 0.2, kFew = 5;  // share of the expected way; less is chance [m]
+  constexpr double kUnverified = 0.2, kFew = 5;  // share of the expected length; not significant below [m]
   std::vector<std::string> warnings;
   if (!s.converged)
     warnings.emplace_back(
@@ -151,7 +153,7 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
   if (s.refused_tilt)
     warnings.push_back(
         "By the attitudes that were given the seafloor would slope by " +
-        decimals(*s.refused_tilt / kDegree, 0) +
+        decimals(*s.refused_tilt / kRadiansPerDegree, 0) +
         " degrees: the cameras do not look straight down. Roll and pitch were not used; say how "
         "they look with --mount.");
   return warnings;

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <numbers>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
@@ -16,8 +16,7 @@ namespace {
 
 using web::Plot, web::Row, web::Series;
 
-constexpr double kDegree = std::numbers::pi / 180;  // [rad]
-constexpr double kLow2 = 1.24, kHigh2 = 14.45;      // chi-square, 6 degrees of freedom: 2.5 % and 97.5 %
+constexpr double kLow2 = 1.24, kHigh2 = 14.45;  // chi-square, 6 degrees of freedom: 2.5 % and 97.5 %
 
 double rmsOf(const std::vector<double>& values) {
   double sum = 0;
@@ -47,7 +46,7 @@ Plot tracksPlot(const Navigation& navigation, const SlamResult& slam) {
           .equal = true};
 }
 
-void addClosureErrors(web::Report& report, const std::vector<double>& reckoned,
+void addClosureErrors(web::ReportPage& report, const std::vector<double>& reckoned,
                       const std::vector<double>& solved) {
   if (reckoned.empty()) return;
   constexpr int kBins = 40;
@@ -58,7 +57,7 @@ void addClosureErrors(web::Report& report, const std::vector<double>& reckoned,
       web::histogram(solved, 0, most, kBins, "m", "localised: rms " + decimals(rmsOf(solved), 4) + " m"));
 }
 
-std::vector<Row> countRows(const SlamResult& slam, std::size_t kept) {
+std::vector<Row> slamCountRows(const SlamResult& slam, std::size_t kept) {
   std::vector<Row> rows = {{"pairs with features", slam.frames},
                            {"visual odometry links", slam.odometry.size()},
                            {"closures tried", slam.tried.size()},
@@ -73,7 +72,7 @@ std::vector<Row> countRows(const SlamResult& slam, std::size_t kept) {
   rows.push_back({"steps where visual odometry contradicts dead reckoning", slam.sensors.steps_contradicted});
   rows.push_back({"steps without bottom track", slam.sensors.dvl_absent});
   rows.push_back({"leaps of the compass", slam.sensors.compass_jumps});
-  rows.push_back({"ground seen before, expected [m of way]", decimals(slam.crossings_expected, 1)});
+  rows.push_back({"ground seen before, expected [m of track]", decimals(slam.crossings_expected, 1)});
   rows.push_back({"of it without a closure", decimals(slam.crossings_unverified, 1)});
   for (const auto& [name, value] : bundleRows(slam)) rows.push_back({name, value});
   for (const auto& [name, value] : calibrationRows(slam)) rows.push_back({name, value});
@@ -113,7 +112,7 @@ Plot squaredPlot(const Consistency& c, const Value& value, const std::string& of
           .width = web::kHalfPage};
 }
 
-void addTruth(web::Report& report, const Consistency& c) {
+void addTruth(web::ReportPage& report, const Consistency& c) {
   if (c.moments.empty()) return;
   constexpr const char* kPlace[] = {"north [m]", "east [m]", "down [m]"};
   constexpr const char* kTurn[] = {"tilt about north [deg]", "tilt about east [deg]", "heading [deg]"};
@@ -122,8 +121,8 @@ void addTruth(web::Report& report, const Consistency& c) {
         c, [i](const auto& m) { return m.position(i); }, [i](const auto& m) { return m.sigma_position(i); },
         kPlace[i]));
     report.plot(errorPlot(
-        c, [i](const auto& m) { return m.turn(i) / kDegree; },
-        [i](const auto& m) { return m.sigma_turn(i) / kDegree; }, kTurn[i]));
+        c, [i](const auto& m) { return m.turn(i) / kRadiansPerDegree; },
+        [i](const auto& m) { return m.sigma_turn(i) / kRadiansPerDegree; }, kTurn[i]));
   }
   report.plot(squaredPlot(
       c, [](const auto& m) { return m.squared; }, "in nav"));
@@ -143,15 +142,15 @@ void writeSlamPage(const std::filesystem::path& file, const SlamResult& slam, co
                    const SE3& T_body_cam, bool features_only, const Consistency& truth) {
   const std::vector<double> before = closureErrors(slam.closures, navigation.poses, T_body_cam);
   const std::vector<double> after = closureErrors(slam.closures, slam.poses, T_body_cam);
-  web::Report report("Localisation",
-                     features_only ? "A mission without images: features that were matched before." : "");
+  web::ReportPage report("Localisation",
+                         features_only ? "A mission without images: features that were matched before." : "");
   for (const std::string& warning : slamWarnings(slam)) report.warning(warning);
   report.section("Tracks");
   report.plot(tracksPlot(navigation, slam));
   report.section("Misregistration where the vehicle came back");
   addClosureErrors(report, before, after);
   report.section("Counts");
-  report.table({}, countRows(slam, after.size()));
+  report.table({}, slamCountRows(slam, after.size()));
   addControl(report, slam.control);
   report.section("Against the truth");
   addTruth(report, truth);

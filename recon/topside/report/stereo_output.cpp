@@ -6,9 +6,9 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::topside {
 namespace {

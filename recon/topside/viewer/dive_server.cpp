@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "telemetry/web/served_folder.hpp"
 
 namespace fathom::topside {
@@ -72,17 +72,17 @@ web::PageServer serveDive(const ServedDive& dive, const std::filesystem::path& p
   if (dive.hasImages()) view["images"] = "images/";
   web::Routes routes;
   routes.get("/view.json",
-             [text = view.dump()](const web::Request&) { return web::answer(text, "application/json"); });
-  routes.getBelow("/crs/", [](const web::Request& request) {
+             [text = view.dump()](const web::HttpRequest&) { return web::answer(text, "application/json"); });
+  routes.getBelow("/crs/", [](const web::HttpRequest& request) {
     const std::string definition = projectionOf(request.below);
     return definition.empty() ? web::refusal(web::status::kNotFound, "There is no such projection in metres.")
                               : web::answer(definition, "text/plain");
   });
-  routes.getBelow("/dive/", [folder = dive.output](const web::Request& request) {
+  routes.getBelow("/dive/", [folder = dive.output](const web::HttpRequest& request) {
     return web::dataResponse(web::fileInside(folder, request.below), request);
   });
   if (dive.hasImages())
-    routes.getBelow("/images/", [folder = dive.images](const web::Request& request) {
+    routes.getBelow("/images/", [folder = dive.images](const web::HttpRequest& request) {
       auto file = web::fileInside(folder, request.below);
       if (file && !web::isPicture(*file)) file.reset();
       return web::dataResponse(file, request);

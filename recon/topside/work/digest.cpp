@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <fstream>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::topside {
 

@@ -3,7 +3,7 @@
 #include <span>
 
 #include "recon/geometry/mesh.hpp"
-#include "recon/geometry/textured_tile.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 #include "recon/topside/work/digest.hpp"
 
 namespace fathom::topside {

@@ -9,7 +9,7 @@
 namespace fathom::topside {
 
 // Calls `body`; work that turns out to be damaged while it is in use is removed, and `body` called again to
-// make it anew.
+// make it again.
 template <typename Body>
 auto withRepair(const Body& body) {
   constexpr int kAttempts = 3;

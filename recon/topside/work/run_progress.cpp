@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::topside {
 namespace {

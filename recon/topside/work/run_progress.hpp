@@ -5,7 +5,7 @@
 #include <mutex>
 #include <string>
 
-#include "realtime/kernel/progress.hpp"
+#include "realtime/base/progress.hpp"
 
 namespace fathom::topside {
 

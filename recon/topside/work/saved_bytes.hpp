@@ -4,14 +4,14 @@
 #include <string>
 #include <type_traits>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "recon/geometry/state_values.hpp"
 #include "recon/topside/work/work_file.hpp"
 
 // How values become blocks of a work file (state_archive.hpp).
 namespace fathom::topside {
 
-// For the exchangeState() of a type that is not the stage's own: const on the way out.
+// For the exchangeState() of a type that is not the stage's own: const when writing.
 template <typename T, typename U>
 concept Is = std::same_as<std::remove_cvref_t<T>, U>;
 

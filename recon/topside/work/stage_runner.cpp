@@ -6,7 +6,7 @@
 
 #include <atomic>
 
-#include "recon/topside/work/stage_times.hpp"
+#include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
 namespace tbb = oneapi::tbb;

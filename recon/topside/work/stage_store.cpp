@@ -8,9 +8,9 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/file_lock.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/files/descriptor.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;
@@ -22,7 +22,7 @@ constexpr const char* kCosts = ".costs";
 constexpr const char* kTemporary = ".tmp";
 
 // Item of a file's name "<item>-<key><extension>"; empty for another.
-std::string itemOf(const fs::path& path, const char* extension) {
+std::string itemOfFile(const fs::path& path, const char* extension) {
   const std::string name = path.stem().string();
   constexpr std::size_t kKey = 17;  // "-" and 16 digits
   if (path.extension() != extension || name.size() <= kKey || name[name.size() - kKey] != '-') return {};
@@ -116,7 +116,7 @@ void StageStore::written(const std::string& stage, const std::string& item, cons
   for (const auto& entry : fs::directory_iterator(folder_ / stage, error)) {
     const fs::path& other = entry.path();
     if (other == path || other == costs_path) continue;
-    if (itemOf(other, kExtension) == item || itemOf(other, kCosts) == item) fs::remove(other, error);
+    if (itemOfFile(other, kExtension) == item || itemOfFile(other, kCosts) == item) fs::remove(other, error);
   }
   const std::lock_guard lock(mutex_);
   checked_.insert(path);
@@ -127,7 +127,7 @@ void StageStore::keepOnly(const std::string& stage, const std::set<std::string>&
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(folder_ / stage, error))
     for (const char* extension : {kExtension, kCosts}) {
-      const std::string item = itemOf(entry.path(), extension);
+      const std::string item = itemOfFile(entry.path(), extension);
       if (!item.empty() && !items.contains(item)) old.push_back(entry.path());
     }
   for (const fs::path& path : old) fs::remove(path, error);
@@ -137,7 +137,7 @@ std::map<std::string, Costs> StageStore::costs(const std::string& stage) const {
   std::map<std::string, Costs> all;
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(folder_ / stage, error)) {
-    const std::string item = itemOf(entry.path(), kCosts);
+    const std::string item = itemOfFile(entry.path(), kCosts);
     if (item.empty()) continue;
     std::ifstream in(entry.path());
     const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);

@@ -11,19 +11,47 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <stdexcept>
 #include <thread>
 
 namespace fathom::sim {
+
+bool ipCommand(const std::string& arguments) {
+  return std::system(("ip " + arguments + " >/dev/null 2>&1").c_str()) == 0;
+}
+
+std::string enterOwnNetwork() {
+  if (std::system("ip -V >/dev/null 2>&1") != 0) return "there is no `ip` command: install iproute2";
+  if (::unshare(CLONE_NEWNET) != 0)
+    return std::string("no network namespace (") + std::strerror(errno) +
+           "): run as root, or with CAP_SYS_ADMIN";
+  if (!ipCommand("link set lo up multicast on") || !ipCommand("route add 224.0.0.0/4 dev lo"))
+    return "the loopback of a new network namespace cannot be set up";
+  return "";
+}
+
+bool Cable::connectNearEnd(pid_t child) const {
+  return ipCommand("link add " + nearName() + " mtu 9000 type veth peer name eth0 mtu 9000 netns " +
+                   std::to_string(child)) &&
+         ipCommand("addr add " + nearAddress() + "/24 broadcast + dev " + nearName()) &&
+         ipCommand("link set " + nearName() + " up");
+}
+
+bool Cable::connectFarEnd() const {
+  return ipCommand("link set lo up") && ipCommand("addr add " + farAddress() + "/24 broadcast + dev eth0") &&
+         ipCommand("link set eth0 up");
+}
+
 namespace {
 
 constexpr int kNotStarted = 126;
-constexpr double kGraceSeconds = 5;  // between being told to end and being killed
+constexpr double kGraceSeconds = 5;  // between SIGTERM and SIGKILL
 
 using Seconds = std::chrono::duration<double>;
 
-// A pipe on which one side tells the other to go on.
+// A pipe on which one process releases the other.
 struct Gate {
   Gate() {
     if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe to a child process");
@@ -55,7 +83,7 @@ struct Gate {
     const std::size_t equals = variable.find('=');
     ::setenv(variable.substr(0, equals).c_str(), variable.c_str() + equals + 1, 1);
   }
-  // A terminal's interrupt is for the bench, which ends its children in their order.
+  // A terminal's interrupt must reach the bench alone, which ends its children in order.
   ::setpgid(0, 0);
   ::execvp(argv[0], argv);
   ::_exit(kNotStarted);
@@ -66,12 +94,12 @@ struct Gate {
 ChildProcess::ChildProcess(const Options& options) : output_(options.output) {
   Gate there, go;
   const pid_t bench = ::getpid();
-  // Made before: what a child that shares the memory takes from the heap is never given back.
+  // Built before vfork(): the child must not allocate in the shared memory.
   std::vector<char*> argv;
   for (const std::string& argument : options.argv) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
-  // fork write-protects the pages of this process, and its real-time threads would fault on each; the memory
-  // is shared with the child only where that changes nothing in it.
+  // fork() write-protects this process's pages, on which its real-time threads would fault; vfork() is used
+  // where the child changes no memory.
   pid_ = options.cable || !options.environment.empty() ? ::fork() : ::vfork();
   if (pid_ < 0) throw std::runtime_error("no child process for " + options.argv.front());
   if (pid_ == 0) {

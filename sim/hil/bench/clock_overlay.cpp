@@ -1,5 +1,5 @@
-// Laid over the C library of a program under test (LD_PRELOAD): its CLOCK_REALTIME is the machine's plus what
-// the bench wrote into the file FATHOM_CLOCK_STEP. See stepped_clock.hpp. Everything else passes through.
+// Preloaded into a program under test: CLOCK_REALTIME is the machine's plus the offset in the file
+// FATHOM_CLOCK_STEP (see stepped_clock.hpp). Other clocks pass through.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
@@ -25,7 +25,7 @@ const volatile std::int64_t* mapOffset() {
   return memory == MAP_FAILED ? &kNone : static_cast<const volatile std::int64_t*>(memory);
 }
 
-// Found when the library is loaded, before the program's first instruction: the calls below never allocate.
+// Set when the library is loaded, so that the calls below never allocate.
 const volatile std::int64_t* offset_ns = nullptr;
 using ClockGettime = int (*)(clockid_t, timespec*);
 ClockGettime real_clock_gettime = nullptr;

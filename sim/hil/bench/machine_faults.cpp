@@ -6,8 +6,8 @@
 namespace fathom::sim {
 namespace {
 
-// Those that this class does.
-bool isOurs(FaultKind kind) {
+// Faults injected by this class.
+bool isMachineFault(FaultKind kind) {
   return kind >= FaultKind::kDiskFull;
 }
 
@@ -22,8 +22,9 @@ ProgramUnderTest::Process processOf(FaultKind kind) {
 
 }  // namespace
 
-MachineFaults::MachineFaults(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
-                             RecordingDisk* disk, SteppedClock* stepped, ProgramUnderTest* program)
+MachineFaults::MachineFaults(const MissionSchedule& schedule, const FaultScript& script,
+                             SimulatedVehicleClock& clock, RecordingDisk* disk, SteppedClock* stepped,
+                             ProgramUnderTest* program)
     : schedule_(schedule),
       script_(script),
       clock_(clock),
@@ -59,11 +60,11 @@ void MachineFaults::begin(const Fault& fault) {
     case FaultKind::kVehicleKilled:
     case FaultKind::kMapperStopped:
     case FaultKind::kVehicleStopped:
-      if (program_ != nullptr && program_->tell(processOf(fault.kind), stops(fault.kind) ? SIGSTOP : SIGKILL))
+      if (program_ != nullptr &&
+          program_->signalProcess(processOf(fault.kind), stops(fault.kind) ? SIGSTOP : SIGKILL))
         ++count;
       else
-        notes_.push_back(std::string(nameOf(fault.kind)) +
-                         " was not done: there is no such process of the bench's");
+        notes_.push_back(std::string(nameOf(fault.kind)) + " was not done: the bench has no such process");
       break;
     default:
       break;
@@ -84,10 +85,10 @@ void MachineFaults::end(const Fault& fault) {
         ++done_[static_cast<std::size_t>(fault.kind)];
       }
       break;
-    // The process may have been killed meanwhile.
+    // The process may have been killed before.
     case FaultKind::kMapperStopped:
     case FaultKind::kVehicleStopped:
-      if (program_ != nullptr) (void)program_->tell(processOf(fault.kind), SIGCONT);
+      if (program_ != nullptr) (void)program_->signalProcess(processOf(fault.kind), SIGCONT);
       break;
     default:
       break;
@@ -95,22 +96,22 @@ void MachineFaults::end(const Fault& fault) {
 }
 
 void MachineFaults::run(const std::atomic<bool>& stop) {
-  struct Moment {
+  struct Event {
     double mission_s = 0;
     const Fault* fault = nullptr;
     bool begins = true;
   };
-  std::vector<Moment> moments;
+  std::vector<Event> events;
   for (const Fault& f : script_.faults) {
-    if (!isOurs(f.kind)) continue;
+    if (!isMachineFault(f.kind)) continue;
     if (schedule_.vehicleTime(f.at_s) > schedule_.end_utc_ns) continue;
-    moments.push_back({f.at_s, &f, true});
-    moments.push_back({f.at_s + f.for_s, &f, false});
+    events.push_back({f.at_s, &f, true});
+    events.push_back({f.at_s + f.for_s, &f, false});
   }
-  std::stable_sort(moments.begin(), moments.end(),
-                   [](const Moment& a, const Moment& b) { return a.mission_s < b.mission_s; });
+  std::stable_sort(events.begin(), events.end(),
+                   [](const Event& a, const Event& b) { return a.mission_s < b.mission_s; });
   std::vector<const Fault*> open;
-  for (const Moment& m : moments) {
+  for (const Event& m : events) {
     if (!clock_.sleepUntil(schedule_.vehicleTime(m.mission_s), stop)) break;
     if (m.begins) {
       open.push_back(m.fault);

@@ -10,7 +10,7 @@
 namespace fathom::sim {
 namespace {
 
-const std::atomic<bool> kGoOn{false};
+const std::atomic<bool> kNeverStop{false};
 
 std::optional<pid_t> parentOf(const std::filesystem::path& process) {
   std::ifstream file(process / "status");
@@ -21,7 +21,7 @@ std::optional<pid_t> parentOf(const std::filesystem::path& process) {
 
 }  // namespace
 
-ProgramUnderTest::ProgramUnderTest(ChildProcess::Options options, const VehicleClock& clock)
+ProgramUnderTest::ProgramUnderTest(ChildProcess::Options options, const SimulatedVehicleClock& clock)
     : options_(std::move(options)), clock_(clock), child_(std::make_unique<ChildProcess>(options_)) {}
 
 bool ProgramUnderTest::waitUntilArmed(double seconds, const std::atomic<bool>& stop) {
@@ -31,16 +31,16 @@ bool ProgramUnderTest::waitUntilArmed(double seconds, const std::atomic<bool>& s
 bool ProgramUnderTest::running() {
   const std::scoped_lock lock(mutex_);
   if (child_->running()) {
-    if (!away_.empty() && away_.back().until_utc_ns == 0 && !killed_ &&
-        child_->waitForLine("armed", 0, kGoOn))
-      away_.back().until_utc_ns = clock_.utcNs();
+    if (!outages_.empty() && outages_.back().until_utc_ns == 0 && !killed_ &&
+        child_->waitForLine("armed", 0, kNeverStop))
+      outages_.back().until_utc_ns = clock_.utcNs();
     return true;
   }
   if (!killed_) return false;
   killed_ = false;
-  ++lives_;
+  ++starts_;
   ChildProcess::Options next = options_;
-  next.output.replace_filename(options_.output.stem().string() + "-" + std::to_string(lives_) +
+  next.output.replace_filename(options_.output.stem().string() + "-" + std::to_string(starts_) +
                                options_.output.extension().string());
   child_ = std::make_unique<ChildProcess>(next);
   return true;
@@ -67,7 +67,7 @@ std::optional<pid_t> ProgramUnderTest::mapper() const {
   return std::nullopt;
 }
 
-bool ProgramUnderTest::tell(Process process, int number) {
+bool ProgramUnderTest::signalProcess(Process process, int number) {
   const std::scoped_lock lock(mutex_);
   if (!child_->running()) return false;
   if (process == Process::kMapper) {
@@ -75,18 +75,18 @@ bool ProgramUnderTest::tell(Process process, int number) {
     return pid && ::kill(*pid, number) == 0;
   }
   if (number == SIGCONT) {
-    if (!away_.empty()) away_.back().until_utc_ns = clock_.utcNs();
+    if (!outages_.empty()) outages_.back().until_utc_ns = clock_.utcNs();
   } else {
-    away_.push_back({clock_.utcNs(), 0});
+    outages_.push_back({clock_.utcNs(), 0});
     killed_ = number == SIGKILL;
   }
   child_->signal(number);
   return true;
 }
 
-std::vector<ProgramUnderTest::Away> ProgramUnderTest::away() {
+std::vector<ProgramUnderTest::Outage> ProgramUnderTest::outages() {
   const std::scoped_lock lock(mutex_);
-  return away_;
+  return outages_;
 }
 
 }  // namespace fathom::sim

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kMib = 1024.0 * 1024.0;
 
-bool run(const std::string& command) {
+bool runShell(const std::string& command) {
   return std::system((command + " >/dev/null 2>&1").c_str()) == 0;
 }
 
@@ -50,10 +50,10 @@ std::string RecordingDisk::open(const std::filesystem::path& folder, std::uint64
   std::ofstream(image_).close();
   std::error_code error;
   std::filesystem::resize_file(image_, written + taken_unwritten, error);
-  // No room kept for root, who runs the bench: full is full.
-  const bool made = !error && run("mkfs.ext4 -q -F -m 0 " + quoted(image_)) &&
-                    run("mount -o loop " + quoted(image_) + " " + quoted(folder_));
-  if (!made) {
+  // Without blocks reserved for root.
+  const bool mounted = !error && runShell("mkfs.ext4 -q -F -m 0 " + quoted(image_)) &&
+                       runShell("mount -o loop " + quoted(image_) + " " + quoted(folder_));
+  if (!mounted) {
     std::filesystem::remove(image_, error);
     return "no file system in a file (needs mkfs.ext4 and loop devices)";
   }
@@ -66,8 +66,7 @@ bool RecordingDisk::fill(double leave_mib) {
   const int fd = ::open(filler().c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
   if (fd < 0) return false;
   const auto leave = static_cast<std::uint64_t>(leave_mib * kMib);
-  // The file system's own bookkeeping takes some of what it says is free, so the last of it goes in ever
-  // smaller pieces.
+  // Ever smaller pieces, since metadata takes a part of the free space.
   off_t size = 0;
   for (std::uint64_t piece = 256ULL << 20; piece >= 4096; piece /= 2) {
     while (true) {
@@ -78,7 +77,7 @@ bool RecordingDisk::fill(double leave_mib) {
     }
   }
   ::close(fd);
-  constexpr std::uint64_t kNearlyNothing = 1 << 20;  // of a file system that is full [bytes]
+  constexpr std::uint64_t kNearlyNothing = 1 << 20;  // left on a full file system [bytes]
   return freeBytes(folder_) <= leave + kNearlyNothing;
 }
 
@@ -91,9 +90,9 @@ void RecordingDisk::close() {
   if (!open_) return;
   makeRoom();
   const std::filesystem::path copy = folder_.string() + ".kept";
-  if (!run("rm -rf " + quoted(copy)) || !run("cp -a " + quoted(folder_) + " " + quoted(copy)) ||
-      !run("umount " + quoted(folder_)))
-    throw std::runtime_error("what was recorded cannot be copied off its disk; it is in " + image_.string());
+  if (!runShell("rm -rf " + quoted(copy)) || !runShell("cp -a " + quoted(folder_) + " " + quoted(copy)) ||
+      !runShell("umount " + quoted(folder_)))
+    throw std::runtime_error("the recording cannot be copied from its disk; it is in " + image_.string());
   open_ = false;
   std::filesystem::remove(folder_);
   std::filesystem::rename(copy, folder_);
@@ -105,7 +104,7 @@ RecordingDisk::~RecordingDisk() {
   try {
     close();
   } catch (const std::exception&) {
-    // The image stays; whoever destroys without close() has no use for a message.
+    // The image is kept; a destructor cannot report the failure.
     open_ = false;
   }
 }

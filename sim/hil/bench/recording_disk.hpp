@@ -6,9 +6,9 @@
 
 namespace fathom::sim {
 
-// A disk of its own for the recording, so that it can be filled without hurting anyone: an ext4 file system
-// in a file, mounted where the recording goes, seen by this process and its children only. What was recorded
-// stays: close() puts it where the mount was.
+// A separate disk for the recording, which can be filled without side effects: an ext4 file system in a file,
+// mounted at the recording's folder and visible to this process and its children only. close() copies the
+// recording to the folder below the mount.
 class RecordingDisk {
  public:
   RecordingDisk() = default;
@@ -16,14 +16,14 @@ class RecordingDisk {
   RecordingDisk(const RecordingDisk&) = delete;
   RecordingDisk& operator=(const RecordingDisk&) = delete;
 
-  // Mounts a disk at the empty folder for `written` bytes and as many more as a program may take without
-  // writing them (the file system is sparse); empty, or why that cannot be. Before any thread is started.
+  // Mounts a disk at the empty folder for `written` bytes and `taken_unwritten` more, which are reserved only
+  // (the file is sparse). Empty, or the reason of a failure. To be called before any thread is started.
   [[nodiscard]] std::string open(const std::filesystem::path& folder, std::uint64_t written,
                                  std::uint64_t taken_unwritten);
   [[nodiscard]] bool isOpen() const { return open_; }
-  // Takes all of the disk but so much; false when the disk did not let it.
+  // Fills the disk except for `leave_mib`; false on failure.
   bool fill(double leave_mib);
-  void makeRoom();
+  void makeRoom();  // undoes fill()
   // Copies what is on the disk to the folder underneath and unmounts. Throws std::runtime_error.
   void close();
 

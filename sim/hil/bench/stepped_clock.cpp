@@ -9,7 +9,8 @@
 #include <stdexcept>
 #include <system_error>
 
-#include "realtime/kernel/install_prefix.hpp"
+#include "realtime/base/install_prefix.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -41,7 +42,7 @@ std::vector<std::string> SteppedClock::environment() const {
 }
 
 void SteppedClock::step(double seconds) {
-  std::atomic_ref<std::int64_t>(*offset_ns_).fetch_add(std::llround(seconds * 1e9));
+  std::atomic_ref<std::int64_t>(*offset_ns_).fetch_add(rt::nanoseconds(seconds));
 }
 
 }  // namespace fathom::sim

@@ -7,21 +7,21 @@
 #include <array>
 #include <utility>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::sim {
 namespace {
 
 constexpr std::uint16_t kControlPort = 3956;
-constexpr std::int64_t kNsPerS = 1'000'000'000, kNsPerMs = 1'000'000, kNsPerUs = 1'000;
-constexpr std::int64_t kLongestWaitNs = 100 * kNsPerMs;
-constexpr std::int64_t kTaiAheadNs = 37 * kNsPerS;     // of UTC: IEEE 1588 counts TAI
+constexpr std::int64_t kLongestWaitNs = 100 * kMillisecond_ns;
+constexpr std::int64_t kTaiAheadNs = 37 * kSecond_ns;  // of UTC: IEEE 1588 counts TAI
 constexpr std::int64_t kNsPerTick = 8;                 // of the register of the tick frequency
 constexpr std::uint32_t kFireTestPacket = 0x80000000;  // bits of the packet size register
 constexpr std::uint32_t kPacketSizeMask = 0xffff;
 constexpr std::uint32_t kLatch = 2, kResetStamp = 1;  // of the time stamp control register
 constexpr std::size_t kSentFrames = 4;                // kept for resends
-constexpr std::size_t kDatagram = 16384;              // largest taken and given [bytes]
+constexpr std::size_t kDatagram = 16384;              // largest received and sent [bytes]
 constexpr std::size_t kLeastPacket = 576;
 constexpr int kSendBuffer = 1 << 22;  // [bytes]
 
@@ -42,7 +42,7 @@ void GigeDevice::powerOn(std::int64_t shows_ns) {
 
 void GigeDevice::powerOff() {
   control_.clear();
-  stream_ = UdpSocket();
+  stream_ = GigeSocket();
   controller_.reset();
   sent_.clear();
   registers_.reset();
@@ -50,14 +50,14 @@ void GigeDevice::powerOff() {
 
 void GigeDevice::listen() {
   control_.emplace_back(network_.address, kControlPort, config_.interface);
-  // Searches come to everybody. What cannot be had here is no loss: the camera can be asked by its address.
-  for (const std::uint32_t everybody : {network_.broadcast, std::uint32_t{INADDR_BROADCAST}}) try {
-      control_.emplace_back(everybody, kControlPort, config_.interface);
+  // Discovery is broadcast. Without these sockets the camera still answers at its address.
+  for (const std::uint32_t broadcast : {network_.broadcast, std::uint32_t{INADDR_BROADCAST}}) try {
+      control_.emplace_back(broadcast, kControlPort, config_.interface);
     } catch (const InputError&) {
     }
-  stream_ = UdpSocket(network_.address, 0, config_.interface);
-  const int whole = IP_PMTUDISC_DO;  // a packet too large for the way is lost, as a test packet must be
-  ::setsockopt(stream_.fd(), IPPROTO_IP, IP_MTU_DISCOVER, &whole, sizeof whole);
+  stream_ = GigeSocket(network_.address, 0, config_.interface);
+  const int no_fragments = IP_PMTUDISC_DO;  // packets larger than the path's MTU are lost, as tests need
+  ::setsockopt(stream_.fd(), IPPROTO_IP, IP_MTU_DISCOVER, &no_fragments, sizeof no_fragments);
   ::setsockopt(stream_.fd(), SOL_SOCKET, SO_SNDBUF, &kSendBuffer, sizeof kSendBuffer);
 }
 
@@ -78,7 +78,8 @@ std::uint64_t GigeDevice::ticksOf(std::int64_t clock_ns) {
 std::int64_t GigeDevice::exposureNs() const {
   constexpr float kLongestUs = 1e7F;
   const float us = registers_ ? registers_->getFloat(gige::kExposure) : 0;
-  return us > 0 ? static_cast<std::int64_t>(std::min(us, kLongestUs)) * kNsPerUs : 0;  // not a number: 0
+  return us > 0 ? static_cast<std::int64_t>(std::min(us, kLongestUs)) * kMicrosecond_ns
+                : 0;  // not a number: 0
 }
 
 std::size_t GigeDevice::dataBytes() const {
@@ -89,24 +90,24 @@ std::size_t GigeDevice::dataBytes() const {
 void GigeDevice::serveUntil(std::int64_t mono_ns) {
   const std::int64_t wait = std::clamp<std::int64_t>(mono_ns - clock_.monotonicNs(), 0, kLongestWaitNs);
   std::vector<pollfd> fds;
-  for (const UdpSocket& socket : control_) fds.push_back({socket.fd(), POLLIN, 0});
-  const timespec timeout{wait / kNsPerS, wait % kNsPerS};
+  for (const GigeSocket& socket : control_) fds.push_back({socket.fd(), POLLIN, 0});
+  const timespec timeout{wait / kSecond_ns, wait % kSecond_ns};
   if (::ppoll(fds.data(), fds.size(), &timeout, nullptr) > 0)
     for (std::size_t i = 0; i < fds.size(); ++i)
       if ((fds[i].revents & POLLIN) != 0) take(control_[i]);
-  freeWhenSilent();
+  releaseSilentClient();
 }
 
-// A client that is gone must not keep the camera.
-void GigeDevice::freeWhenSilent() {
+// Releases control when the client's heartbeat has timed out.
+void GigeDevice::releaseSilentClient() {
   if (!controller_) return;
-  const std::int64_t patience_ns = registers_->get(gige::kHeartbeatTimeout) * kNsPerMs;
-  if (clock_.monotonicNs() - heard_mono_ns_ <= patience_ns) return;
+  const std::int64_t timeout_ns = registers_->get(gige::kHeartbeatTimeout) * kMillisecond_ns;
+  if (clock_.monotonicNs() - heartbeat_mono_ns_ <= timeout_ns) return;
   registers_->set(gige::kControlPrivilege, 0);
   afterWrite(gige::kControlPrivilege, *controller_);
 }
 
-void GigeDevice::take(const UdpSocket& socket) {
+void GigeDevice::take(const GigeSocket& socket) {
   std::array<std::uint8_t, kDatagram> datagram;
   for (;;) {
     sockaddr_in from{};
@@ -121,7 +122,7 @@ void GigeDevice::take(const UdpSocket& socket) {
 
 void GigeDevice::answer(const GvcpRequest& request, const sockaddr_in& from) {
   const Client client{ntohl(from.sin_addr.s_addr), ntohs(from.sin_port)};
-  if (controller_ == client) heard_mono_ns_ = clock_.monotonicNs();
+  if (controller_ == client) heartbeat_mono_ns_ = clock_.monotonicNs();
   std::vector<std::uint8_t> out;
   GvcpStatus status = GvcpStatus::kSuccess;
   switch (static_cast<GvcpCommand>(request.command)) {
@@ -201,13 +202,13 @@ GvcpStatus GigeDevice::writeMemory(std::span<const std::uint8_t> in, const Clien
   return GvcpStatus::kSuccess;
 }
 
-// What a register does when it is written.
+// Side effects of writing a register.
 void GigeDevice::afterWrite(std::uint32_t address, const Client& client) {
   const std::uint32_t value = registers_->get(address);
   const std::int64_t now = clock_.monotonicNs();
   if (address == gige::kControlPrivilege && value != 0) {
     controller_ = client;
-    heard_mono_ns_ = now;
+    heartbeat_mono_ns_ = now;
   } else if (address == gige::kControlPrivilege) {
     controller_.reset();
     registers_->set(gige::kAcquisition, 0);
@@ -229,7 +230,7 @@ void GigeDevice::afterWrite(std::uint32_t address, const Client& client) {
 void GigeDevice::sendPacket(const std::vector<std::uint8_t>& bytes) {
   const sockaddr_in to = socketAddress(registers_->get(gige::kStreamAddress),
                                        static_cast<std::uint16_t>(registers_->get(gige::kStreamPort)));
-  // A packet that the system refuses is a lost packet.
+  // A packet that the system refuses is lost.
   ::sendto(stream_.fd(), bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
 }
 
@@ -238,7 +239,7 @@ void GigeDevice::send(GvspFrame frame, const std::set<std::uint32_t>& lost, std:
   std::vector<std::uint8_t> bytes;
   std::int64_t at = clock_.monotonicNs();
   for (std::uint32_t n = 0; n < frame.packets(); ++n) {
-    // One that is lost took its time on the wire too.
+    // Lost packets take time on the wire, too.
     if (gap_ns > 0) clock_.sleepUntil(at += gap_ns);
     if (lost.contains(n)) continue;
     frame.packet(n, bytes);

@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::uint8_t kKey = 0x42;          // every request begins with it
 constexpr std::uint8_t kWantsAnswer = 0x01;  // flag
-constexpr std::size_t kHeaderBytes = 8;
+constexpr std::size_t kGvcpHeaderBytes = 8;
 constexpr std::uint32_t kLeader = 1, kTrailer = 2, kData = 3;  // GVSP packet formats
 constexpr std::uint16_t kImage = 1;                            // GVSP payload type
 
@@ -32,13 +32,13 @@ void putBigEndian16(std::vector<std::uint8_t>& out, std::uint16_t value) {
 }
 
 std::optional<GvcpRequest> parseGvcp(std::span<const std::uint8_t> datagram) {
-  if (datagram.size() < kHeaderBytes || datagram[0] != kKey) return std::nullopt;
+  if (datagram.size() < kGvcpHeaderBytes || datagram[0] != kKey) return std::nullopt;
   const std::size_t length = bigEndian16(datagram, 4);
-  if (length > datagram.size() - kHeaderBytes) return std::nullopt;
+  if (length > datagram.size() - kGvcpHeaderBytes) return std::nullopt;
   return GvcpRequest{.command = bigEndian16(datagram, 2),
                      .id = bigEndian16(datagram, 6),
                      .wants_answer = (datagram[1] & kWantsAnswer) != 0,
-                     .payload = datagram.subspan(kHeaderBytes, length)};
+                     .payload = datagram.subspan(kGvcpHeaderBytes, length)};
 }
 
 std::vector<std::uint8_t> gvcpAnswer(const GvcpRequest& request, GvcpStatus status,

@@ -8,8 +8,8 @@
 
 namespace fathom::sim {
 
-// Packets of the control protocol GVCP and the stream protocol GVSP (GigE Vision 1.2, sections 14 to 24) as a
-// camera takes and gives them.
+// Packets of the control protocol GVCP and the stream protocol GVSP (GigE Vision 1.2, sections 14 to 24) on
+// the camera's side.
 
 enum class GvcpCommand : std::uint16_t {
   kDiscovery = 0x0002,
@@ -36,7 +36,7 @@ struct GvcpRequest {
   std::span<const std::uint8_t> payload;  // into the datagram
 };
 
-// std::nullopt for what is no request, or shorter than it says.
+// std::nullopt for other data and for truncated requests.
 [[nodiscard]] std::optional<GvcpRequest> parseGvcp(std::span<const std::uint8_t> datagram);
 [[nodiscard]] std::vector<std::uint8_t> gvcpAnswer(const GvcpRequest& request, GvcpStatus status,
                                                    std::span<const std::uint8_t> payload);
@@ -46,7 +46,7 @@ struct GvcpRequest {
 void putBigEndian32(std::vector<std::uint8_t>& out, std::uint32_t value);
 void putBigEndian16(std::vector<std::uint8_t>& out, std::uint16_t value);
 
-// A frame cut into packets: leader, data, trailer. The bytes of the image stay where they are.
+// A frame as packets: leader, data, trailer.
 struct GvspFrame {
   std::uint16_t id = 0;
   std::uint64_t ticks = 0;  // time stamp
@@ -62,7 +62,7 @@ struct GvspFrame {
   void packet(std::uint32_t n, std::vector<std::uint8_t>& out) const;
 };
 
-// Bytes of IP, UDP and GVSP headers, that a packet's size in the register counts.
+// Bytes of IP, UDP and GVSP headers, included in the packet size register.
 inline constexpr std::size_t kGvspOverhead = 20 + 8 + 8;
 inline constexpr std::size_t kUdpOverhead = 20 + 8;
 

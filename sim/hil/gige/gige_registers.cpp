@@ -5,8 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "firmware_if/camera/pixel_unpack.hpp"
-#include "realtime/kernel/text.hpp"
+#include "firmware_if/devices/camera/pixel_unpack.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -103,7 +103,7 @@ class Description {
   std::string features_, nodes_;
 };
 
-std::string describe(bool bayer, int bits) {
+std::string genicamDescription(bool bayer, int bits) {
   using namespace gige;
   Description d;
   d.text("DeviceVendorName", kVendor, kNameBytes);
@@ -163,11 +163,11 @@ bool writable(std::uint32_t address) {
 
 GigeRegisters::GigeRegisters(std::uint32_t address, std::uint32_t netmask, const std::string& serial,
                              int width, int height, bool bayer, int bits)
-    : xml_(describe(bayer, bits)) {
+    : xml_(genicamDescription(bayer, bits)) {
   using namespace gige;
   set(kVersion, 0x00010002);
   set(kDeviceMode, 0x80000001);  // big-endian, UTF-8
-  // A locally administered MAC address that goes with the IP address.
+  // A locally administered MAC address, from the IP address.
   set(kMacHigh, 0x00000200);
   set(kMacLow, address);
   set(kIpConfigurations, 5);
@@ -228,11 +228,11 @@ bool GigeRegisters::read(std::uint32_t address, std::span<std::uint8_t> out) con
   const std::span<const std::uint8_t> from = is_xml ? xml : std::span<const std::uint8_t>(memory_);
   const std::size_t at = is_xml ? address - gige::kXmlAddress : address;
   if (at >= from.size()) return false;
-  // A client reads the description in whole words: what lies behind its end is zero.
-  const std::size_t there = std::min(out.size(), from.size() - at);
-  if (there < out.size() && !is_xml) return false;
-  std::memcpy(out.data(), from.data() + at, there);
-  std::memset(out.data() + there, 0, out.size() - there);
+  // A client reads the description in whole words; it is padded with zeros.
+  const std::size_t available = std::min(out.size(), from.size() - at);
+  if (available < out.size() && !is_xml) return false;
+  std::memcpy(out.data(), from.data() + at, available);
+  std::memset(out.data() + available, 0, out.size() - available);
   return true;
 }
 

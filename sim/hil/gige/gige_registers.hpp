@@ -31,8 +31,8 @@ inline constexpr std::uint32_t kSensorWidth = 0x2000, kSensorHeight = 0x2004, kW
 inline constexpr std::uint32_t kMemoryBytes = 0x3000, kXmlAddress = 0x10000;
 }  // namespace gige
 
-// The register memory of a simulated camera, with its GenICam description behind it. Big-endian, as on the
-// wire. Reads and writes outside of it fail.
+// Register memory of a simulated camera with its GenICam description. Big-endian, as on the wire. Reads and
+// writes outside of it fail.
 class GigeRegisters {
  public:
   // `address`: own IP; `bits`: of the pixels it can give, 8 or 12.
@@ -43,7 +43,7 @@ class GigeRegisters {
   [[nodiscard]] float getFloat(std::uint32_t address) const;
   void set(std::uint32_t address, std::uint32_t value);
   [[nodiscard]] bool read(std::uint32_t address, std::span<std::uint8_t> out) const;
-  // Only what a client may write.
+  // False for registers that a client may not write.
   [[nodiscard]] bool write(std::uint32_t address, std::span<const std::uint8_t> bytes);
 
  private:

@@ -3,10 +3,10 @@
 #include <charconv>
 #include <fstream>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
 
@@ -55,7 +55,7 @@ GigeSchedule withFaults(std::vector<GigeExposure> exposures, const FaultScript& 
   for (const Fault& fault : script.faults) {
     if (!fault.hits(side)) continue;
     if (fault.kind == FaultKind::kCameraReboot) schedule.reboots.push_back({fault.at_s, fault.for_s});
-    int in_its_time = 0;
+    int count = 0;
     for (GigeExposure& exposure : schedule.exposures) {
       if (fault.kind == FaultKind::kIdWrap) {
         if (exposure.mission_s < fault.at_s) continue;
@@ -63,7 +63,7 @@ GigeSchedule withFaults(std::vector<GigeExposure> exposures, const FaultScript& 
         break;
       }
       if (!fault.covers(exposure.mission_s)) continue;
-      const bool hit = in_its_time++ % fault.every == 0;
+      const bool hit = count++ % fault.every == 0;
       switch (fault.kind) {
         case FaultKind::kCameraReboot:
           exposure.away = true;

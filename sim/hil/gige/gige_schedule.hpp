@@ -11,16 +11,16 @@
 
 namespace fathom::sim {
 
-// One exposure of a simulated camera, and what goes wrong with it.
+// One exposure of a simulated camera with its faults.
 struct GigeExposure {
-  double mission_s = 0;  // since the first played moment, without faults
+  double mission_s = 0;  // since the begin of playing, without faults
   std::string file;      // of img/
-  double late_s = 0;     // exposed so much later
-  bool lost = false;     // nothing of it is sent
-  int lost_packets = 0;  // of it
-  bool resend = false;   // the lost packets are sent when they are asked for
-  int frame_id = 0;      // it has this one; 0: the next
-  bool away = false;     // the camera is starting again
+  double late_s = 0;     // delay of the exposure
+  bool lost = false;     // not sent
+  int lost_packets = 0;  // number of lost packets
+  bool resend = false;   // lost packets are sent on request
+  int frame_id = 0;      // its number; 0: the next
+  bool away = false;     // the camera is restarting
 };
 
 struct GigeReboot {
@@ -39,7 +39,7 @@ struct GigeSchedule {
 // The same from lines "<mission second>,<file of img/>", in rising order. Throws InputError naming the line.
 [[nodiscard]] std::vector<GigeExposure> listedExposures(const std::filesystem::path& list);
 
-// Gives each exposure the faults that the script has for this camera.
+// Adds the script's faults of this camera to the exposures.
 [[nodiscard]] GigeSchedule withFaults(std::vector<GigeExposure> exposures, const FaultScript& script,
                                       CameraSide side);
 

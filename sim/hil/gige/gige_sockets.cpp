@@ -8,7 +8,7 @@
 #include <cerrno>
 #include <cstring>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
 
@@ -20,7 +20,7 @@ sockaddr_in socketAddress(std::uint32_t address, std::uint16_t port) {
   return result;
 }
 
-UdpSocket::UdpSocket(std::uint32_t address, std::uint16_t port, const std::string& name)
+GigeSocket::GigeSocket(std::uint32_t address, std::uint16_t port, const std::string& name)
     : fd_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) {
   const int on = 1;
   ::setsockopt(fd_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
@@ -31,11 +31,11 @@ UdpSocket::UdpSocket(std::uint32_t address, std::uint16_t port, const std::strin
   throw InputError("--interface", name, std::string("cannot be served: ") + std::strerror(error));
 }
 
-UdpSocket::~UdpSocket() {
+GigeSocket::~GigeSocket() {
   close();
 }
 
-void UdpSocket::close() {
+void GigeSocket::close() {
   if (fd_ >= 0) ::close(fd_);
   fd_ = -1;
 }

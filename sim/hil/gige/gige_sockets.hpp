@@ -8,14 +8,14 @@
 
 namespace fathom::sim {
 
-// A UDP socket bound to an address [host order]. Throws InputError naming `name` when it cannot be had.
-class UdpSocket {
+// A UDP socket bound to an address [host order]. Throws InputError naming `name` when it cannot be bound.
+class GigeSocket {
  public:
-  UdpSocket() = default;
-  UdpSocket(std::uint32_t address, std::uint16_t port, const std::string& name);
-  ~UdpSocket();
-  UdpSocket(UdpSocket&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  UdpSocket& operator=(UdpSocket&& other) noexcept {
+  GigeSocket() = default;
+  GigeSocket(std::uint32_t address, std::uint16_t port, const std::string& name);
+  ~GigeSocket();
+  GigeSocket(GigeSocket&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  GigeSocket& operator=(GigeSocket&& other) noexcept {
     std::swap(fd_, other.fd_);
     return *this;
   }
@@ -28,7 +28,7 @@ class UdpSocket {
 
 [[nodiscard]] sockaddr_in socketAddress(std::uint32_t address, std::uint16_t port);
 
-// The network that an own address belongs to [host order].
+// The network of an own address [host order].
 struct OwnNetwork {
   std::uint32_t address = 0, mask = 0xffffff00, broadcast = 0;
 };

@@ -4,22 +4,23 @@
 #include <limits>
 #include <random>
 
+#include "realtime/base/units.hpp"
 #include "sim/hil/players/pd0_encoder.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr std::int64_t kByteNs = 10 * 1'000'000'000LL / DvlPlayer::kBaud;  // start bit, eight, stop bit
-constexpr std::size_t kChunkBytes = 32;  // written at once: what a UART's driver hands over
+constexpr std::int64_t kByteNs = 10 * kSecond_ns / DvlPlayer::kBaud;  // start bit, eight, stop bit
+constexpr std::size_t kChunkBytes = 32;  // written at once, as by a UART's driver
 constexpr std::uint8_t kHeaderByte = 0x7F;
 
-// When the last byte is there: no ensemble is sent before it was measured.
+// Arrival time of the last byte; the first is not sent before the measurement.
 std::int64_t dueTime(const ScheduledSample& scheduled) {
   constexpr std::int64_t kLineNs = static_cast<std::int64_t>(kPd0EncodedBytes) * kByteNs;
   return std::max(scheduled.due_utc_ns, std::get<DvlSample>(scheduled.sample).utc_ns + kLineNs);
 }
 
-// Bytes that no ensemble begins with, so that the damage counted is the damage done.
+// Random bytes without the header byte, so that the count of damaged ensembles is exact.
 void appendNoise(std::vector<std::uint8_t>& out, int bytes, std::mt19937& random) {
   for (int i = 0; i < bytes; ++i) {
     const auto byte = static_cast<std::uint8_t>(random());
@@ -29,7 +30,7 @@ void appendNoise(std::vector<std::uint8_t>& out, int bytes, std::mt19937& random
 
 }  // namespace
 
-DvlPlayer::DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
+DvlPlayer::DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, SimulatedVehicleClock& clock,
                      Line line)
     : schedule_(schedule), script_(script), clock_(clock), line_(std::move(line)) {}
 
@@ -39,7 +40,7 @@ double DvlPlayer::latency() const {
     if (const auto* dvl = std::get_if<DvlSample>(&s.sample))
       least_ns = std::min(least_ns,
                           dueTime(s) - static_cast<std::int64_t>(kPd0EncodedBytes) * kByteNs - dvl->utc_ns);
-  // The first chunk is handed over when its last byte is there.
+  // The first chunk arrives with its last byte.
   least_ns += static_cast<std::int64_t>(kChunkBytes) * kByteNs;
   return std::max(0.0, static_cast<double>(least_ns) * 1e-9);
 }
@@ -48,7 +49,7 @@ bool DvlPlayer::send(std::span<const std::uint8_t> bytes, std::int64_t begin_ns,
                      const std::atomic<bool>& stop) {
   for (std::size_t at = 0; at < bytes.size(); at += kChunkBytes) {
     const std::size_t size = std::min(kChunkBytes, bytes.size() - at);
-    // A chunk is there when its last bit is.
+    // A chunk arrives with its last bit.
     if (!clock_.sleepUntil(begin_ns + static_cast<std::int64_t>(at + size) * kByteNs, stop)) return false;
     line_(bytes.subspan(at, size));
   }
@@ -56,7 +57,7 @@ bool DvlPlayer::send(std::span<const std::uint8_t> bytes, std::int64_t begin_ns,
 }
 
 void DvlPlayer::run(const std::atomic<bool>& stop) {
-  std::mt19937 random(1);  // of the noise; its bytes matter to nobody
+  std::mt19937 random(1);  // of the noise bytes, which have no effect on results
   Pd0Attitude attitude;
   std::uint32_t number = 0;
   const Fault* garbage = nullptr;
@@ -82,7 +83,7 @@ void DvlPlayer::run(const std::atomic<bool>& stop) {
     garbage = fault;
     if (fault != nullptr && in_garbage++ % fault->every == 0) {
       appendNoise(bytes, fault->noise_bytes, random);
-      // A changed byte in the data; the header stays, so that the checksum is what finds it.
+      // Damages a data byte and keeps the header, so that the checksum detects it.
       ensemble[kPd0FirstBlock + random() % (ensemble.size() - kPd0FirstBlock - 2)] ^= 0x55;
       ++counters_.damaged;
     }

@@ -8,12 +8,12 @@
 
 #include "sim/hil/fault_script.hpp"
 #include "sim/hil/mission_schedule.hpp"
-#include "sim/hil/players/vehicle_clock.hpp"
+#include "sim/hil/players/simulated_vehicle_clock.hpp"
 
 namespace fathom::sim {
 
-// The DVL: sends the schedule's ensembles as PD0 at the pace of a serial line, the last byte of each when the
-// mission's recorder had it, with the script's garbage and silences.
+// Simulated DVL: sends the schedule's ensembles as PD0 at the rate of a serial line, the last byte of each at
+// the time of its arrival in the mission, with the script's garbage and silences.
 class DvlPlayer {
  public:
   static constexpr int kBaud = 115200;
@@ -24,15 +24,15 @@ class DvlPlayer {
     std::uint64_t withheld = 0;      // by dvl_silence
     std::int64_t worst_late_ns = 0;  // of the beginning of an ensemble
   };
-  // What takes the bytes of the line.
+  // Receiver of the line's bytes.
   using Line = std::function<void(std::span<const std::uint8_t>)>;
 
-  DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock, Line line);
+  DvlPlayer(const MissionSchedule& schedule, const FaultScript& script, SimulatedVehicleClock& clock,
+            Line line);
 
-  // The least time from an ensemble's stamp to its first byte at the receiver [s], as a manual would state
-  // it.
+  // Least time from an ensemble's stamp to its first byte at the receiver [s], as stated in a data sheet.
   [[nodiscard]] double latency() const;
-  // Until the mission's end, or until `stop`.
+  // Plays until the mission's end or `stop`.
   void run(const std::atomic<bool>& stop);
   [[nodiscard]] const Counters& counters() const { return counters_; }  // after run()
 
@@ -41,7 +41,7 @@ class DvlPlayer {
 
   const MissionSchedule& schedule_;
   FaultScript script_;
-  VehicleClock& clock_;
+  SimulatedVehicleClock& clock_;
   Line line_;
   Counters counters_;
 };

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <type_traits>
 
-#include "firmware_if/log/log_messages.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/log/log_messages.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -15,8 +15,8 @@ struct CloseLcm {
   void operator()(lcm_t* lcm) const { ::lcm_destroy(lcm); }
 };
 
-// The DVL has its serial line, and fixes come over the modem.
-bool goesOverLcm(const SensorSample& sample) {
+// DVL samples use the serial line, fixes the modem.
+bool isPublished(const SensorSample& sample) {
   return !std::holds_alternative<DvlSample>(sample) && !std::holds_alternative<UsblFix>(sample);
 }
 
@@ -25,12 +25,12 @@ bool goesOverLcm(const SensorSample& sample) {
 struct LcmPlayer::Impl {
   const MissionSchedule& schedule;
   FaultScript script;
-  VehicleClock& clock;
+  SimulatedVehicleClock& clock;
   std::unique_ptr<lcm_t, CloseLcm> lcm;
   Counters counters;
 };
 
-LcmPlayer::LcmPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
+LcmPlayer::LcmPlayer(const MissionSchedule& schedule, const FaultScript& script, SimulatedVehicleClock& clock,
                      const std::string& provider)
     : impl_(new Impl{
           schedule, script, clock, std::unique_ptr<lcm_t, CloseLcm>(::lcm_create(provider.c_str())), {}}) {
@@ -42,7 +42,7 @@ LcmPlayer::~LcmPlayer() = default;
 void LcmPlayer::run(const std::atomic<bool>& stop) {
   Impl& i = *impl_;
   for (const ScheduledSample& scheduled : i.schedule.samples) {
-    if (!goesOverLcm(scheduled.sample)) continue;
+    if (!isPublished(scheduled.sample)) continue;
     if (!i.clock.sleepUntil(scheduled.due_utc_ns, stop)) return;
     const std::int64_t now_ns = i.clock.utcNs();
     i.counters.worst_late_ns = std::max(i.counters.worst_late_ns, now_ns - scheduled.due_utc_ns);

@@ -7,13 +7,13 @@
 
 #include "sim/hil/fault_script.hpp"
 #include "sim/hil/mission_schedule.hpp"
-#include "sim/hil/players/vehicle_clock.hpp"
+#include "sim/hil/players/simulated_vehicle_clock.hpp"
 
 namespace fathom::sim {
 
-// Compass, depth sensor, battery, CTD, GPS and mission control of a vehicle that publishes on LCM: the
-// schedule's samples on the channels of firmware_if/log/log_messages.hpp, each when it is due. Stands in for
-// the CAN bus where the kernel has none: can_bus_off is then silence.
+// Simulated compass, depth sensor, battery, CTD, GPS and mission control on LCM: publishes the schedule's
+// samples on the channels of firmware_if/mission/log/log_messages.hpp, each when it is due. It replaces the
+// CAN bus; can_bus_off silences it.
 class LcmPlayer {
  public:
   struct Counters {
@@ -24,11 +24,11 @@ class LcmPlayer {
   };
 
   // `provider`: an LCM URL. Throws InputError when LCM cannot use it.
-  LcmPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
+  LcmPlayer(const MissionSchedule& schedule, const FaultScript& script, SimulatedVehicleClock& clock,
             const std::string& provider);
   ~LcmPlayer();
 
-  // Until the mission's end, or until `stop`.
+  // Plays until the mission's end or `stop`.
   void run(const std::atomic<bool>& stop);
   [[nodiscard]] const Counters& counters() const;  // after run()
 

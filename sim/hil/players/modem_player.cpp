@@ -2,18 +2,18 @@
 
 #include <array>
 #include <deque>
-#include <numbers>
 #include <optional>
 
-#include "firmware_if/modem/modem_ports.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
+#include "realtime/base/units.hpp"
 #include "sim/hil/players/pseudo_terminal.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr std::int64_t kTurnNs = 20'000'000;  // frames take far longer than this on the water
+constexpr std::int64_t kTurnNs = 20'000'000;  // far shorter than a frame's transmission
 
-// The modem's side of the serial cable: SLIP frames.
+// The modem's end of the serial cable, with SLIP frames.
 class TerminalPort final : public FramePort {
  public:
   explicit TerminalPort(const std::filesystem::path& link) : terminal_(link) {}
@@ -44,16 +44,12 @@ class TerminalPort final : public FramePort {
   std::size_t size_ = 0, at_ = 0;
 };
 
-double degrees(double radians) {
-  return radians * 180 / std::numbers::pi;
-}
-
 }  // namespace
 
 struct ModemPlayer::Impl {
-  Impl(const MissionSchedule& s, const FaultScript& f, VehicleClock& c, const std::filesystem::path& heard,
-       const SimulatedShipOptions& water)
-      : schedule(s), script(f), clock(c), ship(heard, water) {
+  Impl(const MissionSchedule& s, const FaultScript& f, SimulatedVehicleClock& c,
+       const std::filesystem::path& packet_file, const SimulatedShipOptions& water)
+      : schedule(s), script(f), clock(c), ship(packet_file, water) {
     for (const ScheduledSample& sample : s.samples)
       if (const auto* fix = std::get_if<UsblFix>(&sample.sample)) fixes.push_back({sample.due_utc_ns, *fix});
   }
@@ -62,8 +58,8 @@ struct ModemPlayer::Impl {
     const std::int64_t now_ns = clock.utcNs();
     while (!fixes.empty() && fixes.front().due_ns <= now_ns) {
       const UsblFix& fix = fixes.front().fix;
-      ship.addFix(
-          {fix.utc_ns, degrees(fix.latitude), degrees(fix.longitude), fix.depth, fix.sigma_horizontal});
+      ship.addFix({fix.utc_ns, radiansToDegrees(fix.latitude), radiansToDegrees(fix.longitude), fix.depth,
+                   fix.sigma_horizontal});
       fixes.pop_front();
       ++counters.fixes;
     }
@@ -71,7 +67,7 @@ struct ModemPlayer::Impl {
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer{};
     const auto carry = [&](FramePort& from, FramePort& to, std::uint64_t& count) {
       while (const std::size_t size = from.receive(buffer)) {
-        from.answerHeard();  // the water is open to all
+        from.answerLastSender();  // the water is open to all
         if (silent) {
           ++counters.silenced;
         } else if (to.send(std::span(buffer).first(size))) {
@@ -82,7 +78,7 @@ struct ModemPlayer::Impl {
     carry(*port, ship.modem(), counters.from_vehicle);
     ship.advance(now_ns);
     carry(ship.modem(), *port, counters.to_vehicle);
-    fixes_said = counters.fixes == ship.summary().fixes_said;
+    fixes_sent = counters.fixes == ship.summary().fixes_sent;
   }
 
   struct DueFix {
@@ -91,25 +87,25 @@ struct ModemPlayer::Impl {
   };
   const MissionSchedule& schedule;
   FaultScript script;
-  VehicleClock& clock;
+  SimulatedVehicleClock& clock;
   SimulatedShip ship;
   std::unique_ptr<FramePort> port;
   std::uint16_t udp_port = 0;
   std::deque<DueFix> fixes;
   Counters counters;
-  std::atomic<bool> fixes_said{true};
+  std::atomic<bool> fixes_sent{true};
 };
 
-ModemPlayer::ModemPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
-                         const std::filesystem::path& heard, const SimulatedShipOptions& water,
-                         const std::filesystem::path& port)
-    : impl_(std::make_unique<Impl>(schedule, script, clock, heard, water)) {
+ModemPlayer::ModemPlayer(const MissionSchedule& schedule, const FaultScript& script,
+                         SimulatedVehicleClock& clock, const std::filesystem::path& packet_file,
+                         const SimulatedShipOptions& water, const std::filesystem::path& port)
+    : impl_(std::make_unique<Impl>(schedule, script, clock, packet_file, water)) {
   impl_->port = std::make_unique<TerminalPort>(port);
 }
-ModemPlayer::ModemPlayer(const MissionSchedule& schedule, const FaultScript& script, VehicleClock& clock,
-                         const std::filesystem::path& heard, const SimulatedShipOptions& water,
-                         std::uint16_t udp_port)
-    : impl_(std::make_unique<Impl>(schedule, script, clock, heard, water)) {
+ModemPlayer::ModemPlayer(const MissionSchedule& schedule, const FaultScript& script,
+                         SimulatedVehicleClock& clock, const std::filesystem::path& packet_file,
+                         const SimulatedShipOptions& water, std::uint16_t udp_port)
+    : impl_(std::make_unique<Impl>(schedule, script, clock, packet_file, water)) {
   auto port = std::make_unique<io::UdpFramePort>("127.0.0.1", udp_port, "", 0);
   impl_->udp_port = port->boundPort();
   impl_->port = std::move(port);
@@ -120,8 +116,8 @@ std::uint16_t ModemPlayer::udpPort() const {
   return impl_->udp_port;
 }
 
-bool ModemPlayer::fixesSaid() const {
-  return impl_->fixes_said;
+bool ModemPlayer::fixesSent() const {
+  return impl_->fixes_sent;
 }
 
 void ModemPlayer::run(const std::atomic<bool>& stop) {

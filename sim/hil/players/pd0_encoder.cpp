@@ -2,15 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
-#include "firmware_if/files/civil_time.hpp"
+#include "realtime/base/civil_time.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr std::size_t kHeaderBytes = 6, kTypes = 3, kReserveBytes = 2, kChecksumBytes = 2;
-constexpr std::size_t kFixedAt = kHeaderBytes + 2 * kTypes, kFixedBytes = 59;
+constexpr std::size_t kPd0HeaderBytes = 6, kTypes = 3, kReserveBytes = 2, kChecksumBytes = 2;
+constexpr std::size_t kFixedAt = kPd0HeaderBytes + 2 * kTypes, kFixedBytes = 59;
 constexpr std::size_t kVariableAt = kFixedAt + kFixedBytes, kVariableBytes = 65;
 constexpr std::size_t kTrackAt = kVariableAt + kVariableBytes, kTrackBytes = 81;
 static_assert(kTrackAt + kTrackBytes + kReserveBytes + kChecksumBytes == kPd0EncodedBytes);
@@ -30,10 +30,6 @@ void putSigned16(Bytes& b, std::size_t at, double value) {
   put16(b, at,
         static_cast<std::uint16_t>(
             static_cast<std::int16_t>(std::lround(std::clamp(value, -32767.0, 32767.0)))));
-}
-
-double degrees(double radians) {
-  return radians * 180 / std::numbers::pi;
 }
 
 void putFixedLeader(Bytes& b) {
@@ -69,14 +65,13 @@ void putVariableLeader(Bytes& b, const DvlSample& sample, std::uint32_t number, 
   b[kVariableAt + 11] = static_cast<std::uint8_t>((number >> 16) & 0xFF);
   put16(b, kVariableAt + 14,
         static_cast<unsigned>(std::lround(std::clamp(sample.sound_speed, 1400.0, 1600.0))));
-  const double heading =
-      std::fmod(std::fmod(std::round(degrees(attitude.heading) * 100), kFullTurn) + kFullTurn, kFullTurn);
+  const double heading = std::fmod(
+      std::fmod(std::round(radiansToDegrees(attitude.heading) * 100), kFullTurn) + kFullTurn, kFullTurn);
   put16(b, kVariableAt + 18, static_cast<unsigned>(heading));
-  // The instrument's pitch sensor reads the tilt of its forward axis against the plumb line, not the Euler
-  // angle.
+  // The instrument's pitch sensor measures the tilt of its forward axis against gravity, not the Euler angle.
   const double pitch_sensor = std::atan(std::tan(attitude.pitch) / std::cos(attitude.roll));
-  putSigned16(b, kVariableAt + 20, degrees(pitch_sensor) * 100);
-  putSigned16(b, kVariableAt + 22, degrees(attitude.roll) * 100);
+  putSigned16(b, kVariableAt + 20, radiansToDegrees(pitch_sensor) * 100);
+  putSigned16(b, kVariableAt + 22, radiansToDegrees(attitude.roll) * 100);
   put16(b, kVariableAt + 24, 35);    // salinity, parts per thousand
   put16(b, kVariableAt + 26, 2000);  // 20 deg C
 }
@@ -100,10 +95,10 @@ void putBottomTrack(Bytes& b, const DvlSample& sample) {
     put16(b, kTrackAt + 16 + 2 * beam, cm & 0xFFFF);
     b[kTrackAt + 77 + beam] = static_cast<std::uint8_t>(cm >> 16);
     put16(b, kTrackAt + 24 + 2 * beam, static_cast<std::uint16_t>(v[beam]));
-    const bool heard = sample.range[beam].has_value();
-    b[kTrackAt + 32 + beam] = heard ? 220 : 0;  // correlation
-    b[kTrackAt + 36 + beam] = heard ? 90 : 0;   // evaluation amplitude
-    b[kTrackAt + 40 + beam] = heard ? 100 : 0;  // per cent good
+    const bool received = sample.range[beam].has_value();
+    b[kTrackAt + 32 + beam] = received ? 220 : 0;  // correlation
+    b[kTrackAt + 36 + beam] = received ? 90 : 0;   // evaluation amplitude
+    b[kTrackAt + 40 + beam] = received ? 100 : 0;  // per cent good
   }
 }
 
@@ -121,9 +116,9 @@ std::array<std::uint8_t, kPd0EncodedBytes> encodePd0(const DvlSample& sample, st
   b[0] = b[1] = 0x7F;
   put16(b, 2, kPd0EncodedBytes - kChecksumBytes);
   b[5] = kTypes;
-  put16(b, kHeaderBytes, kFixedAt);
-  put16(b, kHeaderBytes + 2, kVariableAt);
-  put16(b, kHeaderBytes + 4, kTrackAt);
+  put16(b, kPd0HeaderBytes, kFixedAt);
+  put16(b, kPd0HeaderBytes + 2, kVariableAt);
+  put16(b, kPd0HeaderBytes + 4, kTrackAt);
   putFixedLeader(b);
   putVariableLeader(b, sample, number, attitude);
   putBottomTrack(b, sample);

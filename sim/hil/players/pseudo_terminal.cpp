@@ -10,7 +10,7 @@
 #include <cstdlib>
 #include <system_error>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
 
@@ -37,7 +37,7 @@ PseudoTerminal::PseudoTerminal(std::filesystem::path link) : link_(std::move(lin
     ::close(slave_);
     ::close(master_);
     throw InputError(link_.string(), "",
-                     "cannot be made a link to a pseudo-terminal (" + error.message() + ")");
+                     "cannot become a link to a pseudo-terminal (" + error.message() + ")");
   }
 }
 

@@ -8,23 +8,23 @@
 
 namespace fathom::sim {
 
-// A serial cable to a program under test: it opens link() as its port, the bench writes and reads the other
-// end. Raw, in both directions. Like a wire, it forgets what nobody reads: bytes that the program has left
-// unread beyond kUnreadBytes are thrown away and counted.
+// A serial cable to a program under test, which opens link() as its port; the bench writes and reads the
+// other end. Raw in both directions. Bytes that the program leaves unread beyond kUnreadBytes are discarded
+// and counted.
 class PseudoTerminal {
  public:
   static constexpr std::size_t kUnreadBytes = 2048;
 
-  // Makes the pair and a symbolic link to the program's end, which stays the same over restarts. Throws
-  // InputError for a link that cannot be made, std::system_error when the system has no pseudo-terminal.
+  // Creates the pair and a symbolic link to the program's end, which outlives restarts of the program. Throws
+  // InputError for a link that cannot be created, std::system_error without pseudo-terminals.
   explicit PseudoTerminal(std::filesystem::path link);
   ~PseudoTerminal();
   PseudoTerminal(const PseudoTerminal&) = delete;
   PseudoTerminal& operator=(const PseudoTerminal&) = delete;
 
-  // Never blocks; true when the cable took all of it.
+  // Never blocks; true when all bytes were accepted.
   bool write(std::span<const std::uint8_t> bytes) noexcept;
-  // What the program has written since; never blocks.
+  // Reads what the program has written; never blocks.
   [[nodiscard]] std::size_t read(std::span<std::uint8_t> buffer) noexcept;
   [[nodiscard]] const std::filesystem::path& link() const { return link_; }
   [[nodiscard]] std::uint64_t unreadBytes() const { return unread_; }

@@ -7,16 +7,16 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "sim/sea/ground/random.hpp"
+#include "realtime/base/input_error.hpp"
+#include "sim/sea/ground/noise.hpp"
 
 namespace fathom::sim {
 namespace {
 
-constexpr float kEdge = 0.5F;       // of the lattice's triangles [m]: a piece reaches as far from its node
-constexpr double kLightSize = 0.2;  // of an image's width: coarser changes are its light
+constexpr float kEdge = 0.5F;       // of the lattice's triangles, and radius of a piece about its node [m]
+constexpr double kLightSize = 0.2;  // over the image's width: coarser variation is uneven illumination
 
-// Without the uneven light of its strobes.
+// Reads a photograph and removes its uneven illumination.
 TextureImage flattened(const std::filesystem::path& path) {
   cv::Mat image;
   try {
@@ -62,8 +62,8 @@ AlbedoImages::AlbedoImages(const std::filesystem::path& folder, double pixel_m, 
 
 std::array<float, 3> AlbedoImages::piece(const Eigen::Vector2i& node, const Eigen::Vector2f& from_node,
                                          float texels) const {
-  ThingRandom random(seed_, (static_cast<std::uint64_t>(static_cast<std::uint32_t>(node.x())) << 32) |
-                                static_cast<std::uint32_t>(node.y()));
+  GroundRandom random(seed_, (static_cast<std::uint64_t>(static_cast<std::uint32_t>(node.x())) << 32) |
+                                 static_cast<std::uint32_t>(node.y()));
   const TextureImage& image = images_[random.bits() % images_.size()];
   const auto turn = static_cast<float>(random.uniform(0, 2 * std::numbers::pi));
   const float mirror = random.uniform() < 0.5 ? -1.0F : 1.0F;
@@ -78,10 +78,10 @@ std::array<float, 3> AlbedoImages::piece(const Eigen::Vector2i& node, const Eige
 
 std::array<float, 3> AlbedoImages::at(const Eigen::Vector3f& place, const Eigen::Vector3f& normal,
                                       float footprint_m) const {
-  // Of the normal, along an axis from which photographs are laid on. One of the three is always more.
+  // Least normal component along an axis for projection from there; one of the three is always larger.
   constexpr float kLeast = 0.55F;
   const Eigen::Vector3f weights = (normal.cwiseAbs().array() - kLeast).max(0.0F);
-  constexpr float kApart = 97;  // [m]: another part of what is laid on from above
+  constexpr float kApart = 97;  // offset of the side projections, so that they show other parts [m]
   const std::array<Eigen::Vector2f, 3> planes{Eigen::Vector2f(place.y() + 2 * kApart, place.z()),
                                               Eigen::Vector2f(place.x() + kApart, place.z()),
                                               place.head<2>()};
@@ -99,7 +99,7 @@ std::array<float, 3> AlbedoImages::at(const Eigen::Vector3f& place, const Eigen:
 }
 
 std::array<float, 3> AlbedoImages::inPlane(const Eigen::Vector2f& place, float footprint_m) const {
-  // To the lattice whose triangles are halves of unit squares.
+  // Coordinates in a lattice where each triangle is half of a unit square.
   constexpr float kSlant = 0.57735027F;  // 1 / sqrt 3
   const Eigen::Vector2f p(place.x() / kEdge - kSlant * place.y() / kEdge, 2 * kSlant * place.y() / kEdge);
   const Eigen::Vector2i corner(static_cast<int>(std::floor(p.x())), static_cast<int>(std::floor(p.y())));

@@ -10,17 +10,17 @@
 
 namespace fathom::sim {
 
-// The albedo of a seafloor of any size from photographs of real ones: pieces of them, turned and mirrored, on
-// a lattice of triangles, blended so that contrast stays (Heitz and Neyret 2018: by-example noise with
-// variance-preserving blending). The photographs' uneven light is taken out first.
+// Albedo of a seafloor of any size, synthesised from photographs: rotated and mirrored pieces on a triangular
+// lattice, with variance-preserving blending (Heitz and Neyret 2018). The photographs' uneven illumination is
+// removed first.
 class AlbedoImages {
  public:
   // Every image in `folder`, `pixel_m` of ground a pixel [m]; `contrast` times as strong. Throws InputError
   // for a folder without images, or images too small to cut pieces from.
   AlbedoImages(const std::filesystem::path& folder, double pixel_m, double contrast, std::uint64_t seed);
 
-  // Linear red, green, blue at a place [m] of a surface with that normal, as a pixel of `footprint_m` sees
-  // it: laid on from above where it slopes by less than 33 degrees, from the sides on what is steeper.
+  // Linear red, green, blue at a place [m] of a surface with that normal for a pixel of `footprint_m`:
+  // projected from above where the slope is below 33 degrees, from the sides where it is steeper.
   [[nodiscard]] std::array<float, 3> at(const Eigen::Vector3f& place, const Eigen::Vector3f& normal,
                                         float footprint_m) const;
 

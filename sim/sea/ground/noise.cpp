@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "sim/sea/ground/random.hpp"
-
 namespace fathom::sim {
 namespace {
 

@@ -1,10 +1,32 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
+#include "realtime/base/numbers/hash64.hpp"
+
 namespace fathom::sim {
+
+// A random stream that is a function of a seed and an object's number.
+class GroundRandom {
+ public:
+  GroundRandom(std::uint64_t seed, std::uint64_t object) : state_(hash64(seed, object)) {}
+  std::uint64_t bits() { return state_ = hash64(state_); }
+  double uniform() { return static_cast<double>(bits() >> 11) * 0x1p-53; }  // [0, 1)
+  double uniform(double low, double high) { return low + (high - low) * uniform(); }
+
+ private:
+  std::uint64_t state_;
+};
+
+// Hermite's step: 0 where x is `low`, 1 where it is `high`, with zero slope there and beyond.
+template <typename Real>
+[[nodiscard]] Real smoothstep(Real low, Real high, Real x) {
+  const Real t = std::clamp((x - low) / (high - low), Real{0}, Real{1});
+  return t * t * (3 - 2 * t);
+}
 
 // Gradient noise (Perlin 2002) over space, zero mean, standard deviation about 0.25, features of about one
 // unit.

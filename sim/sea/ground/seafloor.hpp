@@ -6,7 +6,7 @@
 namespace fathom::sim {
 
 // Fills an empty scene with the procedural seafloor of `config`: the bed (sand, ripples, drop-offs) as one
-// displaced grid, then stones, boulders and coral heads as closed meshes that lie on it, and commits it.
+// displaced grid, then stones, boulders and coral heads as closed meshes on it, and commits it.
 void buildSeafloor(const TerrainConfig& config, SurfaceScene& scene);
 
 }  // namespace fathom::sim

@@ -7,7 +7,6 @@
 #include <numbers>
 
 #include "sim/sea/ground/noise.hpp"
-#include "sim/sea/ground/random.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -58,20 +57,10 @@ const TriangleSurface& sphere(double radius_m, double edge_m) {
       std::clamp(static_cast<int>(std::lround(halvings)), 1, kMaxSubdivision))];
 }
 
-Eigen::Vector3d randomDirection(ThingRandom& random) {
+Eigen::Vector3d randomDirection(GroundRandom& random) {
   const double z = random.uniform(-1, 1), a = random.uniform(0, 2 * std::numbers::pi);
   const double r = std::sqrt(1 - z * z);
   return {r * std::cos(a), r * std::sin(a), z};
-}
-
-Rgb shadeOf(const Eigen::Vector3d& linear, double brightness) {
-  return {srgbFromLinear(linear.x() * brightness), srgbFromLinear(linear.y() * brightness),
-          srgbFromLinear(linear.z() * brightness)};
-}
-
-double smoothstep(double low, double high, double x) {
-  const double t = std::clamp((x - low) / (high - low), 0.0, 1.0);
-  return t * t * (3 - 2 * t);
 }
 
 // Linear albedos: bare limestone, coralline algae, brown turf, sponge; massive corals.
@@ -84,7 +73,7 @@ const Eigen::Vector3d kCoralColours[] = {
 }  // namespace
 
 TriangleSurface makeStone(std::uint64_t seed, double size_m, double edge_m) {
-  ThingRandom random(seed, 1);
+  GroundRandom random(seed, 1);
   TriangleSurface stone = sphere(size_m / 2, edge_m);
   constexpr int kFacets = 11;
   Eigen::Vector3d facets[kFacets];
@@ -110,20 +99,21 @@ TriangleSurface makeStone(std::uint64_t seed, double size_m, double edge_m) {
     const Eigen::Vector3d p = 0.5 * size_m * radius * direction.cwiseProduct(axes);
     stone.vertices[i] = p.cast<float>();
     const double turf = smoothstep(0.0, 0.8, growth(p + Eigen::Vector3d::Constant(5)) - turf_level);
-    stone.covers[i] = {
-        shadeOf((1 - turf) * colour + turf * kTurf, brightness * (1 + 0.12 * lumps(3 * direction))), 255};
+    stone.covers[i] = {srgbFromLinear(Eigen::Vector3d((1 - turf) * colour + turf * kTurf) *
+                                      (brightness * (1 + 0.12 * lumps(3 * direction)))),
+                       255};
   }
   computeSurfaceNormals(stone);
   return stone;
 }
 
 TriangleSurface makeCoralHead(std::uint64_t seed, double size_m, double overhang, double edge_m) {
-  ThingRandom random(seed, 4);
+  GroundRandom random(seed, 4);
   const double radius = size_m / 2;
   TriangleSurface head = sphere(radius, edge_m);
   const double height = radius * random.uniform(0.55, 1.15);  // of the cap above its rim
   const double rim = radius * random.uniform(0.35, 0.7);      // of the rim above the seafloor
-  const double foot = rim + 0.35 * radius;                    // the foot goes on below it
+  const double foot = rim + 0.35 * radius;  // of the foot, which continues below the seafloor
   const Eigen::Vector3d colour = kCoralColours[random.bits() % std::size(kCoralColours)];
   const double brightness = random.uniform(0.8, 1.3);
   const FractalNoise lobes{hash64(seed, 5), 1.1, 2, 0.5};
@@ -147,7 +137,7 @@ TriangleSurface makeCoralHead(std::uint64_t seed, double size_m, double overhang
     const double groove = smoothstep(0.0, 0.5, knob);
     const double dead = smoothstep(0.1, 0.7, -up);  // no light, no living coral under the cap
     const double tone = brightness * (0.55 + 0.45 * groove) * (1 + 0.18 * mottle(p)) * (1 - 0.35 * dead);
-    head.covers[i] = {shadeOf(colour, std::max(0.1, tone)), 230};
+    head.covers[i] = {srgbFromLinear(colour * std::max(0.1, tone)), 230};
   }
   computeSurfaceNormals(head);
   return head;

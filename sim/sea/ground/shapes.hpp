@@ -6,8 +6,8 @@
 
 namespace fathom::sim {
 
-// Closed surfaces around their own origin, z down, normals outwards. Same seed, same shape. `edge_m`: length
-// that triangle edges aim at.
+// Closed surfaces about their own origin, z down, normals outwards. Same seed, same shape. `edge_m`:
+// approximate length of the triangles' edges.
 
 // An angular stone, broken rather than round; `size_m` is its longest diameter.
 [[nodiscard]] TriangleSurface makeStone(std::uint64_t seed, double size_m, double edge_m);
@@ -16,7 +16,7 @@ namespace fathom::sim {
 [[nodiscard]] TriangleSurface makeCoralHead(std::uint64_t seed, double size_m, double overhang,
                                             double edge_m);
 
-// Turned about the vertical and tilted, then moved.
+// Rotates, then translates a surface.
 void place(TriangleSurface& surface, const Eigen::Matrix3f& rotation, const Eigen::Vector3f& translation);
 
 // Area-weighted normals of the vertices from the triangles.

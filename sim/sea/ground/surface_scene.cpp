@@ -10,16 +10,15 @@
 namespace fathom::sim {
 namespace {
 
-// Embree's handle for the whole process. A number of threads told to Embree would hold for all of TBB, that
-// is for rendering too.
-class Device {
+// Embree's device of the process. It has no thread limit, which would apply to all of TBB, also to rendering.
+class EmbreeDevice {
  public:
-  Device() : device_(rtcNewDevice(nullptr)) {
+  EmbreeDevice() : device_(rtcNewDevice(nullptr)) {
     if (device_ == nullptr) throw std::runtime_error("Embree does not start on this processor");
   }
-  ~Device() { rtcReleaseDevice(device_); }
-  Device(const Device&) = delete;
-  Device& operator=(const Device&) = delete;
+  ~EmbreeDevice() { rtcReleaseDevice(device_); }
+  EmbreeDevice(const EmbreeDevice&) = delete;
+  EmbreeDevice& operator=(const EmbreeDevice&) = delete;
   [[nodiscard]] RTCDevice get() const { return device_; }
 
  private:
@@ -27,7 +26,7 @@ class Device {
 };
 
 RTCDevice embree() {
-  static const Device device;
+  static const EmbreeDevice device;
   return device.get();
 }
 
@@ -52,8 +51,7 @@ void shareVertices(RTCGeometry geometry, std::vector<Eigen::Vector3f>& vertices)
                              sizeof(Eigen::Vector3f), count);
 }
 
-// A texture shows more than its mesh has vertices: each triangle becomes small ones, coloured by what they
-// stand for.
+// Subdivides textured triangles, so that the vertex colours resolve the texture.
 void appendTextured(const TriangleSurface& part, const Eigen::Vector3f& origin, Mesh& mesh) {
   constexpr float kSpacing = 0.02F;  // [m]
   for (const auto& t : part.triangles) {
@@ -144,7 +142,7 @@ void SurfaceScene::add(TriangleSurface surface) {
 }
 
 void SurfaceScene::commit() {
-  // By one thread: with more, the tree, and so the last bits of where rays end, would be another each time.
+  // On one thread: with more, the tree, and with it the last bits of hits, would vary.
   oneapi::tbb::task_arena(1).execute([this] { rtcJoinCommitScene(scene_); });
   if (parts_.empty()) return;
   RTCBounds bounds{};
@@ -231,6 +229,13 @@ std::optional<float> SurfaceScene::castRay(const Eigen::Vector3f& origin,
   return hit->distance_m;
 }
 
+std::optional<float> SurfaceScene::depthAt(float north_m, float east_m) const {
+  constexpr float kStart = 1000.0F;  // above everything [m]
+  const auto fall = castRay({north_m, east_m, -kStart}, Eigen::Vector3f(0, 0, 1), 2 * kStart);
+  if (!fall) return std::nullopt;
+  return *fall - kStart;
+}
+
 bool SurfaceScene::occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& unit_direction,
                             float limit_m) const {
   RTCIntersectContext context;
@@ -258,7 +263,7 @@ Mesh SurfaceScene::mesh() const {
         mesh.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
       continue;
     }
-    // The diagonal of a cell goes where Embree puts it: from the next column to the next row.
+    // The diagonal of a cell is Embree's: from the next column to the next row.
     const auto columns = static_cast<std::uint32_t>(part->grid.columns);
     const auto rows = static_cast<std::uint32_t>(part->grid.rows);
     for (std::uint32_t r = 0; r + 1 < rows; ++r) {

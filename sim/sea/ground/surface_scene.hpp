@@ -14,7 +14,7 @@
 
 namespace fathom::sim {
 
-// What covers a surface: its albedo, and how much fine texture it carries.
+// Cover of a surface: its albedo, and the strength of its fine texture.
 struct Cover {
   Rgb colour{128, 128, 128};  // sRGB
   std::uint8_t hardness = 0;  // 0 loose sand, 255 rock and coral: coarser, stronger texture
@@ -40,7 +40,7 @@ struct TriangleSurface {
   void append(const TriangleSurface& other);
 };
 
-// What the renderer needs to know about a point that a ray hit.
+// Properties of a hit for shading.
 struct SurfacePoint {
   Eigen::Vector3f normal;         // unit, interpolated between vertices; either side
   std::array<float, 3> albedo{};  // linear
@@ -55,8 +55,8 @@ struct SurfaceHit {
   float u = 0, v = 0;
 };
 
-// Embree 3.13 lets rays through that meet a grid exactly in a vertex. What met nothing is cast once more this
-// much (a part of the direction's length, micrometres on the surface) to the side.
+// Embree 3.13 misses a grid when a ray hits it exactly in a vertex. Rays without a hit are cast again with
+// this added to their unit direction (micrometres on the surface).
 inline const Eigen::Vector3f kNudge(1.1e-6F, 0.7e-6F, -0.4e-6F);
 
 // Surfaces under one Embree scene, in a local frame: nav less `origin`, so that floats resolve micrometres.
@@ -70,8 +70,8 @@ class SurfaceScene {
   // Before commit(). The scene keeps the surfaces.
   void add(GridSurface surface);
   void add(TriangleSurface surface);
-  // Builds the tree. On one thread, so that its shape, and so every tie between triangles, is always the
-  // same. May be called again after further add().
+  // Builds the tree on one thread, so that its shape, and with it every tie between triangles, is
+  // reproducible. May be called again after further add().
   void commit();
 
   [[nodiscard]] bool empty() const { return parts_.empty(); }
@@ -85,6 +85,8 @@ class SurfaceScene {
                                                    float limit_m) const;
   [[nodiscard]] std::optional<float> castRay(const Eigen::Vector3f& origin,
                                              const Eigen::Vector3f& unit_direction, float limit_m) const;
+  // Depth of the first surface seen from above, both in the local frame [m]; none where a ray meets nothing.
+  [[nodiscard]] std::optional<float> depthAt(float north_m, float east_m) const;
   [[nodiscard]] bool occluded(const Eigen::Vector3f& origin, const Eigen::Vector3f& unit_direction,
                               float limit_m) const;
   [[nodiscard]] Mesh mesh() const;                                       // in nav

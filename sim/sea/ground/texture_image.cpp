@@ -5,7 +5,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -34,6 +34,10 @@ std::uint8_t srgbFromLinear(double value) {
   const double v = std::clamp(value, 0.0, 1.0);
   const double s = v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
   return static_cast<std::uint8_t>(std::lround(255.0 * s));
+}
+
+Rgb srgbFromLinear(const Eigen::Vector3d& linear) {
+  return {srgbFromLinear(linear.x()), srgbFromLinear(linear.y()), srgbFromLinear(linear.z())};
 }
 
 TextureImage::TextureImage(const std::filesystem::path& path) {

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <vector>
 
+#include "recon/geometry/mesh.hpp"
+
 namespace fathom::sim {
 
 // A picture that colours a mesh, with half-size levels so that it never aliases.
@@ -34,5 +36,6 @@ class TextureImage {
 // sRGB byte to linear, 0 to 1 (IEC 61966-2-1), and back.
 [[nodiscard]] float linearFromSrgb(std::uint8_t value);
 [[nodiscard]] std::uint8_t srgbFromLinear(double value);
+[[nodiscard]] Rgb srgbFromLinear(const Eigen::Vector3d& linear);
 
 }  // namespace fathom::sim

@@ -12,8 +12,8 @@ namespace {
 constexpr double kWaterIndex = 1.34;
 constexpr std::uint64_t kWaves = 77;  // of the caustics' noise
 
-// A ridge of noise: bright lines about dark cells, mean 1 and standard deviation 1 of noise whose own is
-// 0.25.
+// Ridged noise: bright lines about dark cells; these constants normalise it to zero mean and unit variance
+// for noise with a standard deviation of 0.25.
 constexpr double kSharpness = 12, kMean = 0.2187, kSigma = 0.2615;
 
 }  // namespace
@@ -42,7 +42,7 @@ Radiance Daylight::level(float depth_m) const {
 
 float Daylight::caustic(const Eigen::Vector3f& place) const {
   if (config_.caustics <= 0) return 1;
-  // The pattern that stands in the sun's rays, seen where this one comes from.
+  // The pattern is constant along the sun's rays: evaluated at the surface.
   const Eigen::Vector3f from = place - to_sun_ * (place.z() / to_sun_.z());
   const double size = config_.caustic_size_m;
   const double noise =

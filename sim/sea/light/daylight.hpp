@@ -9,7 +9,7 @@
 namespace fathom::sim {
 
 // Sun and sky from above. Irradiance falls with depth as exp(-(a + b_b) z / mu), mu the cosine of the
-// refracted sun (Gordon 1989); waves gather the sun into caustics that wander over the seafloor.
+// refracted sun (Gordon 1989); waves focus the sun into moving caustics on the seafloor.
 class Daylight {
  public:
   Daylight(const DaylightConfig& config, const WaterConfig& water, double turbidity, double time_s);
@@ -17,11 +17,11 @@ class Daylight {
   [[nodiscard]] bool on() const { return config_.irradiance > 0; }
   // Unit, from the ground to the sun under water; nav, z down.
   [[nodiscard]] const Eigen::Vector3f& toSun() const { return to_sun_; }
-  // Of a surface at a depth [m] and place in plan [m] with this normal; `sunlit`: nothing stands between.
+  // Of a surface at a depth [m] and place in plan [m] with this normal; `sunlit`: not in shadow.
   [[nodiscard]] Radiance irradiance(float depth_m, const Eigen::Vector3f& place,
                                     const Eigen::Vector3f& normal, bool sunlit) const;
-  // That the water throws back along a view ray of this length from a camera at this depth; `down`: cosine
-  // between the ray and straight down.
+  // Radiance scattered by the water into a view ray of this length from a camera at this depth; `down`:
+  // cosine between the ray and the vertical.
   [[nodiscard]] Radiance veil(float camera_depth_m, float down, float range_m) const;
 
  private:

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "sim/sea/ground/random.hpp"
+#include "sim/sea/ground/noise.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -45,7 +45,7 @@ float NormalTable::operator()(std::uint64_t hash) const {
   return quantiles_[index] + fraction * (quantiles_[index + 1] - quantiles_[index]);
 }
 
-ImageSensor::ImageSensor(const SensorConfig& config) : config_(config) {}
+ImageSensor::ImageSensor(const ImageSensorConfig& config) : config_(config) {}
 
 void ImageSensor::expose(const float* electrons, int width, int height, std::uint64_t noise_seed,
                          std::uint16_t* out) const {

@@ -24,17 +24,16 @@ class NormalTable {
   return (x & 1) + (y & 1);
 }
 
-// Electrons to whole numbers: value = (electrons + noise) / full well * (2^bits - 1) + black level, noise of
-// variance electrons (shot, Poisson's normal limit) + read noise squared; rounded, held in the sensor's
-// range.
+// Quantises electrons: value = (electrons + noise) / full well * (2^bits - 1) + black level, with noise of
+// variance electrons (shot noise, normal limit of Poisson's) + read noise squared; rounded and clamped.
 class ImageSensor {
  public:
-  explicit ImageSensor(const SensorConfig& config);
+  explicit ImageSensor(const ImageSensorConfig& config);
   void expose(const float* electrons, int width, int height, std::uint64_t noise_seed,
               std::uint16_t* out) const;
 
  private:
-  SensorConfig config_;
+  ImageSensorConfig config_;
   NormalTable normal_;
 };
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 namespace fathom::sim {
 namespace {
@@ -13,7 +14,7 @@ std::size_t pixelAt(const BlurImage& image, int x, int y) {
   return static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width) + static_cast<std::size_t>(x);
 }
 
-// Gaussian whose width is that of a disc: equal second moments.
+// Standard deviation of the Gaussian with the second moments of a disc.
 float sigmaOf(float across) {
   return 0.25F * across;
 }
@@ -34,7 +35,7 @@ void blur(const BlurImage& blurred, double sigma_px) {
   for (float& w : weights) w /= total;
   const auto row_size = static_cast<std::size_t>(width) * static_cast<std::size_t>(channels);
   std::vector<float> across(image.size());
-  // Rows: neighbours lie `channels` apart. Only the ends need clamping.
+  // Rows: the stride of neighbours is `channels`. Only the ends need clamping.
   oneapi::tbb::parallel_for(0, height, [&](int y) {
     const float* in = &image[static_cast<std::size_t>(y) * row_size];
     float* out = &across[static_cast<std::size_t>(y) * row_size];
@@ -104,7 +105,7 @@ float discAcross(float inverse_range, double aperture_px_m, double focus_m) {
 void defocus(const BlurImage& image, const std::vector<float>& inverse_range, double aperture_px_m,
              double focus_m) {
   if (aperture_px_m <= 0) return;
-  // Levels of blur, of which each pixel takes the two about its own.
+  // Blurred copies; each pixel interpolates between the two next to its own blur.
   constexpr std::array<float, 6> kSigmas = {0, 0.5F, 1, 2, 4, 8};
   std::vector<std::vector<float>> levels(kSigmas.size(), image.values);
   for (std::size_t k = 1; k < kSigmas.size(); ++k)
@@ -115,7 +116,7 @@ void defocus(const BlurImage& image, const std::vector<float>& inverse_range, do
         std::min(sigmaOf(discAcross(inverse_range[pixel], aperture_px_m, focus_m)), kSigmas.back());
     std::size_t k = 0;
     while (k + 2 < kSigmas.size() && kSigmas[k + 1] < sigma) ++k;
-    // Variances add up in line, so the mix that has the pixel's own.
+    // A mixture's variance is linear in the weights: this one has the pixel's variance.
     const float a = kSigmas[k] * kSigmas[k], b = kSigmas[k + 1] * kSigmas[k + 1];
     const float share = std::clamp((sigma * sigma - a) / (b - a), 0.0F, 1.0F);
     for (std::size_t c = pixel * channels; c < (pixel + 1) * channels; ++c)
@@ -138,6 +139,28 @@ void forwardScatter(const BlurImage& image, const std::vector<float>& inverse_ra
   }
   blur({spread, image.width, image.height, image.channels}, spread_px);
   for (std::size_t k = 0; k < spread.size(); ++k) image.values[k] += spread[k];
+}
+
+std::vector<LampInView> lampsInView(const OpticsConfig& lamps, const SE3& T_body_cam) {
+  std::vector<LampInView> out;
+  for (const StrobeConfig& strobe : lamps.strobes) {
+    const Eigen::Vector3d to = T_body_cam.inverse() * strobe.position_body;
+    out.push_back(
+        {to.normalized(), lamps.sensor.glare * strobe.intensity / to.squaredNorm() / std::numbers::pi});
+  }
+  return out;
+}
+
+float glareAt(const std::vector<LampInView>& lamps, const Eigen::Vector2f& ray) {
+  constexpr double kWide = 0.3;  // angle off the lamp at which it has fallen to a quarter [rad]
+  const Eigen::Vector3d direction = ray.homogeneous().cast<double>().normalized();
+  double sum = 0;
+  for (const LampInView& lamp : lamps) {
+    const double angle = std::acos(std::clamp(direction.dot(lamp.direction), -1.0, 1.0));
+    const double fall = kWide / (kWide + angle);
+    sum += lamp.strength * fall * fall;
+  }
+  return static_cast<float>(sum);
 }
 
 }  // namespace fathom::sim

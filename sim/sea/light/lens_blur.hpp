@@ -4,12 +4,12 @@
 #include <functional>
 #include <vector>
 
+#include "recon/geometry/se3.hpp"
 #include "sim/sea/optics.hpp"
 
 namespace fathom::sim {
 
-// What lies between a sharp image of the scene and the sensor. Images are floats of `channels` interleaved
-// channels.
+// An image with `channels` interleaved channels, blurred in place by the functions below.
 struct BlurImage {
   std::vector<float>& values;
   int width, height, channels;
@@ -18,8 +18,8 @@ struct BlurImage {
 // Gaussian blur in place; edges repeat.
 void blur(const BlurImage& image, double sigma_px);
 
-// The mean over what passes a pixel while the shutter or the flash is open: `shift` says by how much the
-// scene at a pixel moves [px].
+// Motion blur: the mean along the path of the scene during the exposure; `shift` gives the motion at a pixel
+// [px].
 void motionBlur(const BlurImage& image, const std::function<Eigen::Vector2f(int x, int y)>& shift);
 
 // Defocus: a point at 1/r makes a disc of aperture * focal |1/r - 1/focus| pixels across (thin lens); nothing
@@ -28,9 +28,18 @@ void defocus(const BlurImage& image, const std::vector<float>& inverse_range, do
              double focus_m);
 [[nodiscard]] float discAcross(float inverse_range, double aperture_px_m, double focus_m);  // [px]
 
-// Light that the water scatters forward, by small angles, on its way from the ground: the share 1 - exp(-k r)
-// of each pixel's is spread (Jaffe 1990's forward component, its spread Gaussian).
+// Forward scatter at small angles between ground and camera: the fraction 1 - exp(-k r) of each pixel is
+// blurred (the forward component of Jaffe 1990, as a Gaussian).
 void forwardScatter(const BlurImage& image, const std::vector<float>& inverse_range, double per_metre,
                     double spread_px);
+
+// Direction and strength of a strobe for its glare in one camera.
+struct LampInView {
+  Eigen::Vector3d direction;  // unit, in the camera's frame
+  double strength;            // over the image, towards the lamp
+};
+[[nodiscard]] std::vector<LampInView> lampsInView(const OpticsConfig& lamps, const SE3& T_body_cam);
+// Glare of the strobes at a ray (x/z, y/z) of the camera.
+[[nodiscard]] float glareAt(const std::vector<LampInView>& lamps, const Eigen::Vector2f& ray);
 
 }  // namespace fathom::sim

@@ -10,9 +10,9 @@
 namespace fathom::sim {
 namespace {
 
-constexpr double kSmallest = 0.0005;            // [m]: what a density counts
-constexpr double kNearest = 0.1, kReach = 5.0;  // [m]
-constexpr double kWider = 1.25;                 // than the left camera's view: what the right one sees too
+constexpr double kSmallest = 0.0005;                 // least diameter counted by the density [m]
+constexpr double kNearestSpeck = 0.1, kReach = 5.0;  // [m]
+constexpr double kWider = 1.25;  // over the left camera's view, to contain the right one's
 
 }  // namespace
 
@@ -20,7 +20,7 @@ std::vector<Speck> marineSnow(const WaterConfig& water, const Camera& left, std:
   std::vector<Speck> specks;
   if (water.snow_per_m3 <= 0) return specks;
   const double half_x = kWider * 0.5 * left.width / left.fx, half_y = kWider * 0.5 * left.height / left.fy;
-  const double volume = 4 * half_x * half_y * (std::pow(kReach, 3) - std::pow(kNearest, 3)) / 3;
+  const double volume = 4 * half_x * half_y * (std::pow(kReach, 3) - std::pow(kNearestSpeck, 3)) / 3;
   Random random(seed);
   const double mean = volume * water.snow_per_m3;
   const auto count =
@@ -28,7 +28,7 @@ std::vector<Speck> marineSnow(const WaterConfig& water, const Camera& left, std:
   const double power = 1 - water.snow_slope;
   const double low = std::pow(kSmallest, power), high = std::pow(0.001 * water.snow_largest_mm, power);
   for (std::size_t k = 0; k < count; ++k) {
-    const double z = std::cbrt(random.uniform(std::pow(kNearest, 3), std::pow(kReach, 3)));
+    const double z = std::cbrt(random.uniform(std::pow(kNearestSpeck, 3), std::pow(kReach, 3)));
     const double x = random.uniform(-half_x, half_x) * z, y = random.uniform(-half_y, half_y) * z;
     const double diameter = std::pow(random.uniform(high, low), 1 / power);
     specks.push_back({Eigen::Vector3d(x, y, z).cast<float>(), static_cast<float>(diameter)});
@@ -36,14 +36,14 @@ std::vector<Speck> marineSnow(const WaterConfig& water, const Camera& left, std:
   return specks;
 }
 
-std::vector<SeenSpeck> seenSpecks(const std::vector<Speck>& specks, const OpticsConfig& lamps,
-                                  const Attenuation& attenuation, const std::vector<Beam>& beams,
-                                  const Camera& camera, const SE3& T_body_cam, const SE3& T_body_left) {
-  constexpr double kSphere = 0.5;  // light that a sphere gives back, over that of a plate that faces its lamp
+std::vector<VisibleSpeck> visibleSpecks(const std::vector<Speck>& specks, const OpticsConfig& lamps,
+                                        const WaterAttenuation& attenuation, const std::vector<Beam>& beams,
+                                        const Camera& camera, const SE3& T_body_cam, const SE3& T_body_left) {
+  constexpr double kSphere = 0.5;  // reflection of a sphere over that of a plate facing the lamp
   const double given = kSphere * lamps.water.snow_albedo / std::numbers::pi;
   const SE3 T_cam_left = T_body_cam.inverse() * T_body_left;
   const double focal = 0.5 * (camera.fx + camera.fy);
-  std::vector<SeenSpeck> out;
+  std::vector<VisibleSpeck> out;
   for (const Speck& speck : specks) {
     const Eigen::Vector3d p = T_cam_left * speck.position.cast<double>();
     if (p.z() <= 0) continue;
@@ -54,15 +54,15 @@ std::vector<SeenSpeck> seenSpecks(const std::vector<Speck>& specks, const Optics
         static_cast<float>(1 / range), 0.001 * lamps.sensor.aperture_mm * focal, lamps.sensor.focus_m));
     const double across = std::max(1.0, std::hypot(disc, out_of_focus));
     if (!camera.contains(pixel, -0.5 * across)) continue;
-    SeenSpeck seen{static_cast<float>(pixel.x()),
-                   static_cast<float>(pixel.y()),
-                   static_cast<float>(range),
-                   static_cast<float>(0.5 * across),
-                   static_cast<float>(disc * disc / (across * across)),
-                   {}};
+    VisibleSpeck seen{static_cast<float>(pixel.x()),
+                      static_cast<float>(pixel.y()),
+                      static_cast<float>(range),
+                      static_cast<float>(0.5 * across),
+                      static_cast<float>(disc * disc / (across * across)),
+                      {}};
     const Eigen::Vector3d in_body = T_body_cam * p;
     for (std::size_t s = 0; s < lamps.strobes.size(); ++s) {
-      const Shine shine(lamps.strobes[s], beams[s], in_body);
+      const StrobeIncidence shine(lamps.strobes[s], beams[s], in_body);
       const Radiance left = attenuation(static_cast<float>(shine.distance + range));
       for (std::size_t c = 0; c < 3; ++c)
         seen.radiance[c] +=
@@ -73,10 +73,10 @@ std::vector<SeenSpeck> seenSpecks(const std::vector<Speck>& specks, const Optics
   return out;
 }
 
-void layOver(const std::vector<SeenSpeck>& specks, const std::vector<float>& inverse_range, int width,
-             int height, int channels, const Channels& mono, std::vector<float>& radiance) {
+void drawSpecks(const std::vector<VisibleSpeck>& specks, const std::vector<float>& inverse_range, int width,
+                int height, int channels, const Channels& mono, std::vector<float>& radiance) {
   const double weight = mono[0] + mono[1] + mono[2];
-  for (const SeenSpeck& s : specks) {
+  for (const VisibleSpeck& s : specks) {
     const float reach = s.radius + 1;
     const int x0 = std::max(0, static_cast<int>(s.x - reach)),
               x1 = std::min(width - 1, static_cast<int>(s.x + reach) + 1);

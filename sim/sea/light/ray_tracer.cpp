@@ -13,7 +13,7 @@ constexpr int kSize = RayBundle::kSize;
 constexpr float kLift = 3e-4F;       // [m], of shadow rays' starts off the surface
 constexpr float kMinCosine = 0.25F;  // limits how far a footprint stretches on a slope
 
-struct Points {
+struct HitPoints {
   bool hit[kSize];
   float range[kSize];
   Eigen::Vector3f position[kSize];
@@ -21,7 +21,7 @@ struct Points {
   SurfacePoint surface[kSize];
 };
 
-// First hits of the bundle in one scene, nearer than what `packet` already holds.
+// First hits of the bundle in one scene, if nearer than those already in `packet`.
 void intersect(RTCScene scene, const int* valid, RTCRayHit8& packet) {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -29,7 +29,7 @@ void intersect(RTCScene scene, const int* valid, RTCRayHit8& packet) {
   rtcIntersect8(valid, scene, &context, &packet);
 }
 
-void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
+void findPoints(const Shot& shot, const RayBundle& rays, HitPoints& points) {
   alignas(32) RTCRayHit8 packet;
   alignas(32) int valid[kSize];
   Eigen::Vector3f directions[kSize], origins[kSize];
@@ -84,7 +84,7 @@ void findPoints(const Shot& shot, const RayBundle& rays, Points& points) {
   }
 }
 
-// Takes the rays that something stops out of `valid`.
+// Clears the occluded rays in `valid`.
 void findShadows(const Shot& shot, RTCRay8& packet, int* valid) {
   const auto shadow = [&](RTCScene scene) {
     RTCIntersectContext context;
@@ -108,7 +108,7 @@ void setRay(RTCRay8& packet, int i, const Eigen::Vector3f& from, const Eigen::Ve
 }
 
 // Adds the light of one strobe to the irradiances.
-void illuminate(const Shot& shot, std::size_t strobe, const Points& points, RayBundle& rays) {
+void illuminate(const Shot& shot, std::size_t strobe, const HitPoints& points, RayBundle& rays) {
   alignas(32) RTCRay8 packet;
   alignas(32) int valid[kSize];
   float strength[kSize], distance[kSize];
@@ -143,8 +143,8 @@ void illuminate(const Shot& shot, std::size_t strobe, const Points& points, RayB
   }
 }
 
-// Adds that of sun and sky.
-void illuminateByDay(const Shot& shot, const Points& points, RayBundle& rays) {
+// Adds the light of sun and sky to the irradiances.
+void illuminateByDay(const Shot& shot, const HitPoints& points, RayBundle& rays) {
   alignas(32) RTCRay8 packet;
   alignas(32) int valid[kSize];
   for (int i = 0; i < kSize; ++i) {
@@ -169,7 +169,7 @@ void illuminateByDay(const Shot& shot, const Points& points, RayBundle& rays) {
 }  // namespace
 
 void trace(const Shot& shot, RayBundle& rays) {
-  Points points;
+  HitPoints points;
   findPoints(shot, rays, points);
   for (int i = 0; i < rays.count; ++i) {
     rays.radiance[i] = {0, 0, 0};

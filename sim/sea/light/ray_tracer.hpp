@@ -12,12 +12,12 @@
 
 namespace fathom::sim {
 
-// Where everything is in one picture.
+// Scene, light and camera of one picture.
 struct Shot {
   const SurfaceScene& bed;
   const SurfaceScene* moving;  // or nullptr
   const SurfaceDetail& detail;
-  const Attenuation& attenuation;
+  const WaterAttenuation& attenuation;
   const Backscatter& backscatter;
   const Daylight& daylight;
   const std::vector<Beam>& beams;
@@ -41,7 +41,7 @@ struct RayBundle {
   std::uint32_t lit[kSize];           // bit s: strobe s shines on the point
 };
 
-// Traces view rays and shadow rays, and shades (the equation stands in renderer.hpp).
+// Traces view and shadow rays, and shades the hits (equation: renderer.hpp).
 void trace(const Shot& shot, RayBundle& rays);
 
 }  // namespace fathom::sim

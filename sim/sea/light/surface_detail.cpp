@@ -4,30 +4,25 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/hash64.hpp"
+#include "realtime/base/numbers/hash64.hpp"
 
 namespace fathom::sim {
 namespace {
 
-struct Octave {
+struct DetailOctave {
   float step_m;                  // of the noise lattice; features are about two steps long
   float sand, rock;              // share of the contrast
   float sand_slope, rock_slope;  // standard deviation of the relief's slope, about
   float tint;                    // towards red, away from blue
 };
 
-constexpr Octave kOctaves[] = {
+constexpr DetailOctave kDetailOctaves[] = {
     {0.0015F, 0.75F, 0.55F, 0.05F, 0.08F, 0.00F}, {0.0034F, 0.60F, 0.70F, 0.06F, 0.12F, 0.02F},
     {0.0073F, 0.40F, 0.75F, 0.06F, 0.14F, 0.03F}, {0.0157F, 0.28F, 0.80F, 0.04F, 0.14F, 0.05F},
     {0.0331F, 0.20F, 0.60F, 0.03F, 0.10F, 0.04F},
 };
 constexpr std::size_t kGritOctave = 1;  // shell grit: the few highest peaks of this octave are bright
 constexpr float kLowestGain = 0.15F;
-
-float smoothstep(float low, float high, float x) {
-  const float t = std::clamp((x - low) / (high - low), 0.0F, 1.0F);
-  return t * t * (3 - 2 * t);
-}
 
 }  // namespace
 
@@ -56,8 +51,8 @@ void SurfaceDetail::apply(const Eigen::Vector3f& position, float footprint_m, Su
   const Eigen::Vector3f place = lattice_from_local_ * position;
   float sum = 0, tint = 0, grit = 0;
   Eigen::Vector3f slope(0, 0, 0);
-  for (std::size_t i = 0; i < std::size(kOctaves); ++i) {
-    const Octave& o = kOctaves[i];
+  for (std::size_t i = 0; i < std::size(kDetailOctaves); ++i) {
+    const DetailOctave& o = kDetailOctaves[i];
     // Two steps are a wave; from 1.4 to 3 pixels a wave it fades in.
     float share = smoothstep(0.7F, 1.5F, o.step_m / footprint_m);
     share *= 1.0F - smoothstep(0.4F, 0.8F, o.step_m / point.resolved_m);

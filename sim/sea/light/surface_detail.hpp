@@ -10,16 +10,16 @@
 
 namespace fathom::sim {
 
-// The fine texture of sand grains, shell grit, turf and pores: noise that is a function of the place on the
-// surface alone, so that every camera and every pass sees the same. Octaves finer than a pixel are left out,
-// so pictures do not alias; octaves coarser than what the surface's own colour resolves are left out too.
+// Fine texture of sand grains, shell grit, turf and pores: noise that is a function of the place on the
+// surface, equal for every camera and pass. Octaves finer than a pixel are left out, against aliasing, and so
+// are octaves that the surface's own colour resolves.
 class SurfaceDetail {
  public:
   // `contrast`: standard deviation relative to the albedo.
   SurfaceDetail(std::uint64_t seed, double contrast);
-  // Colours from photographs instead.
+  // With albedo from photographs in place of noise.
   SurfaceDetail(std::uint64_t seed, std::shared_ptr<const AlbedoImages> images);
-  // That of a terrain.
+  // The texture configured for a terrain.
   [[nodiscard]] static SurfaceDetail of(const TerrainConfig& terrain);
   // Changes albedo and normal of `point`, seen at `position` (local frame) by a pixel of `footprint_m`.
   void apply(const Eigen::Vector3f& position, float footprint_m, SurfacePoint& point) const;

@@ -19,12 +19,12 @@ constexpr int kRangeSteps = 97;
 constexpr float kRangeStep = 0.125F;  // [m]
 constexpr int kIntegrationSteps = 5;  // in each of these
 
-struct Cell {
+struct TableCell {
   int index;
   float fraction;
 };
 
-Cell cellOf(float value, int count) {
+TableCell tableCell(float value, int count) {
   const float v = std::clamp(value, 0.0F, static_cast<float>(count - 1));
   const int index = std::min(static_cast<int>(v), count - 2);
   return {index, v - static_cast<float>(index)};
@@ -32,7 +32,7 @@ Cell cellOf(float value, int count) {
 
 }  // namespace
 
-Attenuation::Attenuation(const WaterConfig& water)
+WaterAttenuation::WaterAttenuation(const WaterConfig& water)
     : table_(static_cast<std::size_t>(kLongestPath * kStepsPerMetre) + 2) {
   for (std::size_t i = 0; i < table_.size(); ++i)
     for (std::size_t c = 0; c < 3; ++c)
@@ -40,8 +40,8 @@ Attenuation::Attenuation(const WaterConfig& water)
                                                  static_cast<double>(i) / kStepsPerMetre));
 }
 
-Radiance Attenuation::operator()(float path_m) const {
-  const Cell cell = cellOf(path_m * kStepsPerMetre, static_cast<int>(table_.size()));
+Radiance WaterAttenuation::operator()(float path_m) const {
+  const TableCell cell = tableCell(path_m * kStepsPerMetre, static_cast<int>(table_.size()));
   const Radiance& a = table_[static_cast<std::size_t>(cell.index)];
   const Radiance& b = table_[static_cast<std::size_t>(cell.index) + 1];
   return {a[0] + cell.fraction * (b[0] - a[0]), a[1] + cell.fraction * (b[1] - a[1]),
@@ -57,13 +57,13 @@ Beam::Beam(const StrobeConfig& strobe) : table_(kBeamSteps + 1) {
 
 float Beam::operator()(float cos_off_axis) const {
   if (cos_off_axis <= 0) return 0;
-  const Cell cell = cellOf(cos_off_axis * kBeamSteps, kBeamSteps + 1);
+  const TableCell cell = tableCell(cos_off_axis * kBeamSteps, kBeamSteps + 1);
   const float a = table_[static_cast<std::size_t>(cell.index)],
               b = table_[static_cast<std::size_t>(cell.index) + 1];
   return a + cell.fraction * (b - a);
 }
 
-Backscatter::Backscatter(const OpticsConfig& optics, const Attenuation& attenuation,
+Backscatter::Backscatter(const OpticsConfig& optics, const WaterAttenuation& attenuation,
                          const std::vector<Beam>& beams, const Camera& camera, const SE3& T_body_cam)
     : cells_per_px_x_(static_cast<float>(kColumns - 1) / static_cast<float>(std::max(1, camera.width - 1))),
       cells_per_px_y_(static_cast<float>(kRows - 1) / static_cast<float>(std::max(1, camera.height - 1))),
@@ -106,8 +106,9 @@ const Radiance& Backscatter::entry(int column, int row, int step) const {
 }
 
 Radiance Backscatter::at(float x_px, float y_px, float range_m) const {
-  const Cell x = cellOf(x_px * cells_per_px_x_, kColumns), y = cellOf(y_px * cells_per_px_y_, kRows),
-             r = cellOf(range_m / kRangeStep, kRangeSteps);
+  const TableCell x = tableCell(x_px * cells_per_px_x_, kColumns),
+                  y = tableCell(y_px * cells_per_px_y_, kRows),
+                  r = tableCell(range_m / kRangeStep, kRangeSteps);
   Radiance sum{};
   for (int corner = 0; corner < 8; ++corner) {
     const int i = corner & 1, j = corner >> 1 & 1, k = corner >> 2;

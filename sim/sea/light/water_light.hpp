@@ -12,10 +12,10 @@ namespace fathom::sim {
 
 using Radiance = std::array<float, 3>;
 
-// Share of light that is left after a path through water, per channel, from a table.
-class Attenuation {
+// Transmission of each channel over a path through water, from a table.
+class WaterAttenuation {
  public:
-  explicit Attenuation(const WaterConfig& water);
+  explicit WaterAttenuation(const WaterConfig& water);
   [[nodiscard]] Radiance operator()(float path_m) const;
 
  private:
@@ -32,24 +32,24 @@ class Beam {
   std::vector<float> table_;
 };
 
-// How a strobe shines on a place in body.
-struct Shine {
-  Shine(const StrobeConfig& strobe, const Beam& beam, const Eigen::Vector3d& place)
+// Incidence of a strobe's light at a place in body.
+struct StrobeIncidence {
+  StrobeIncidence(const StrobeConfig& strobe, const Beam& beam, const Eigen::Vector3d& place)
       : from(place - strobe.position_body),
         distance(from.norm()),
         intensity(beam(static_cast<float>(from.dot(strobe.direction_body.normalized()) / distance))) {}
-  Eigen::Vector3d from;  // the strobe [m]
+  Eigen::Vector3d from;  // from the strobe to the place [m]
   double distance;       // [m]
   float intensity;       // in that direction
 };
 
-// Light that the water itself throws back along the view rays of one camera, without shadows in the water.
-// Strobes and camera are fixed to each other, so it is a table over the image and the length of the view ray:
+// Backscattered light along the view rays of one camera, without shadows in the water. Strobes and camera are
+// rigidly mounted, so it is a table over the image and the length of the view ray:
 //   B(r) = integral over t in 0..r of sum_s I_s(theta_s) / d_s^2 * exp(-c (d_s + t)) * beta dt,
 //   beta = scattering * backscatter_fraction / (2 pi)
 class Backscatter {
  public:
-  Backscatter(const OpticsConfig& optics, const Attenuation& attenuation, const std::vector<Beam>& beams,
+  Backscatter(const OpticsConfig& optics, const WaterAttenuation& attenuation, const std::vector<Beam>& beams,
               const Camera& camera, const SE3& T_body_cam);
   [[nodiscard]] Radiance at(float x_px, float y_px, float range_m) const;
 

@@ -6,9 +6,9 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/mesh_io.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "recon/geometry/ply_reader.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/monitor/codec/codec_report.hpp"
 #include "telemetry/wire/frame.hpp"
@@ -18,8 +18,6 @@ namespace {
 
 constexpr double kLeastError = 0.001, kMostError = 0.9;  // that a map packet can say [m]
 constexpr std::array<int, 2> kTileSides{9, 17};          // nodes
-constexpr std::array<double, 12> kCurveErrors{0.01, 0.015, 0.02, 0.03, 0.04, 0.05,
-                                              0.06, 0.08,  0.1,  0.12, 0.15, 0.2};  // [m]
 
 void check(const CodecOptions& options) {
   const std::string file = options.terrain.string();
@@ -102,18 +100,6 @@ void printJson(const CodecFigures& ours, const std::vector<TileFigures>& tiles,
   std::printf("%s\n", out.dump().c_str());
 }
 
-void measureCurve(const LatticeSurface& surface, const CodecOptions& options) {
-  std::vector<CurvePoint> points;
-  for (const double error : kCurveErrors) {
-    const CodecFigures ours = sendSurface(surface, {.max_error = error,
-                                                    .frame = static_cast<std::size_t>(options.frame),
-                                                    .colour_bits = options.colour_bits});
-    points.push_back({error, ours.bytesPerArea(), peers::allPeers(toLattice(surface), error)});
-  }
-  const std::string title = formatted(", cells of %g m, frames of %ld B", options.cell, options.frame);
-  writeCurve(*options.curve, points, surface.area(), options.terrain.filename().string() + title);
-}
-
 }  // namespace
 
 CLI::App* addCodecCommand(CLI::App& app, CodecOptions& options) {
@@ -134,7 +120,6 @@ CLI::App* addCodecCommand(CLI::App& app, CodecOptions& options) {
                    "at the nodes")
       ->capture_default_str();
   codec->add_flag("--json", options.json, "print one line of JSON");
-  codec->add_option("--curve", options.curve, "draw bytes over errors of 1 to 20 cm into this file (HTML)");
   return codec;
 }
 
@@ -150,7 +135,6 @@ int runCodec(const CodecOptions& options) {
   for (const int side : kTileSides) tiles.push_back(sendTiles(surface, side, settings));
   const auto others = peers::allPeers(toLattice(surface), options.max_error);
   (options.json ? printJson : printTable)(ours, tiles, others, options);
-  if (options.curve) measureCurve(surface, options);
   return kExitSuccess;
 }
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 
 namespace CLI {
@@ -20,7 +19,6 @@ struct CodecOptions {
   int colour_bits = 0;
   std::string sampling = "map";
   bool json = false;
-  std::optional<std::filesystem::path> curve;  // picture of bytes over error
 };
 
 // Declares the subcommand `codec` and its options.

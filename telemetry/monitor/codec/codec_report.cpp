@@ -7,6 +7,7 @@
 #include <map>
 #include <stdexcept>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/wire/frame.hpp"
 
@@ -15,14 +16,10 @@ namespace {
 
 using telemetry::MapBlock;
 
-double since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-}
-
-// Both ends of the link, and the account.
-class Journey {
+// Both ends of the link, with the figures of what crossed it.
+class LinkPass {
  public:
-  explicit Journey(const CodecSettings& settings)
+  explicit LinkPass(const CodecSettings& settings)
       : settings_(settings), payload_(settings.frame - telemetry::kFrameOverhead) {}
 
   // Sends all the blocks.
@@ -33,7 +30,7 @@ class Journey {
       const auto result = encoder_.encode(
           left, {.max_error = settings_.max_error, .colour_bits = settings_.colour_bits, .in_parts = true},
           payload_, held_);
-      const double ms = since(start);
+      const double ms = 1e3 * rt::secondsSince(start);
       if (result.blocks == 0) throw std::runtime_error("a map block could not be encoded");
       figures.encode_ms += ms;
       figures.slowest_ms = std::max(figures.slowest_ms, ms);
@@ -62,7 +59,7 @@ class Journey {
     const auto arrived = telemetry::decodeFrame(std::span(frame).first(size));
     if (arrived.verdict != telemetry::FrameVerdict::kAccepted || !decoder_.decode(arrived.payload, packet_))
       throw std::runtime_error("a frame could not be decoded");
-    figures.decode_ms += since(start);
+    figures.decode_ms += 1e3 * rt::secondsSince(start);
     std::map<telemetry::BlockKey, const MapBlock*> wanted;
     for (const MapBlock& block : sent) wanted[block.key] = &block;
     for (const MapBlock& got : packet_.blocks) {
@@ -92,12 +89,12 @@ class Journey {
 }  // namespace
 
 CodecFigures sendSurface(const LatticeSurface& surface, const CodecSettings& settings) {
-  Journey journey(settings);
-  journey.send(cutBlocks(surface));
-  CodecFigures& figures = journey.figures;
+  LinkPass link(settings);
+  link.send(cutBlocks(surface));
+  CodecFigures& figures = link.figures;
   if (figures.nodes != surface.seen) throw std::runtime_error("not every node came back");
   figures.area = surface.area();
-  figures.rms_error = std::sqrt(journey.squares / static_cast<double>(figures.nodes));
+  figures.rms_error = std::sqrt(link.squares / static_cast<double>(figures.nodes));
   return figures;
 }
 
@@ -115,11 +112,11 @@ TileFigures sendTiles(const LatticeSurface& surface, int side, const CodecSettin
       for (int k = 0; k < side * side; ++k)
         whole = whole && !std::isnan(surface.depth[surface.at(row + k / side, col + k % side)]);
       if (!whole) continue;
-      Journey journey(settings);
-      journey.send(cutBlocks(surface, row, col, side, side));
-      bytes += journey.figures.bytes;
-      out.max_bytes = std::max(out.max_bytes, journey.figures.bytes);
-      if (journey.figures.frames == 1) ++out.in_one_frame;
+      LinkPass link(settings);
+      link.send(cutBlocks(surface, row, col, side, side));
+      bytes += link.figures.bytes;
+      out.max_bytes = std::max(out.max_bytes, link.figures.bytes);
+      if (link.figures.frames == 1) ++out.in_one_frame;
       ++out.tiles;
     }
   }

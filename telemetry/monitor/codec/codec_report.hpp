@@ -1,9 +1,6 @@
 #pragma once
 
 #include <cstddef>
-#include <filesystem>
-#include <string>
-#include <vector>
 
 #include "telemetry/monitor/codec/codec_surface.hpp"
 #include "telemetry/monitor/codec/peers/lattice.hpp"
@@ -46,16 +43,6 @@ struct TileFigures {
 };
 [[nodiscard]] TileFigures sendTiles(const LatticeSurface& surface, int side, const CodecSettings& settings);
 
-// One error bound of the curve.
-struct CurvePoint {
-  double max_error = 0;  // [m]
-  double ours = 0;       // [B/m2]
-  std::vector<peers::PeerResult> peers;
-};
-
 [[nodiscard]] peers::Lattice toLattice(const LatticeSurface& surface);
-// Bytes a square metre over the error bound, both axes logarithmic, as a page.
-void writeCurve(const std::filesystem::path& file, const std::vector<CurvePoint>& points, double area,
-                const std::string& about);
 
 }  // namespace fathom::monitor

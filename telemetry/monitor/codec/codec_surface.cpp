@@ -5,19 +5,20 @@
 #include <cmath>
 #include <limits>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "telemetry/vehicle/square_index.hpp"
 
 namespace fathom::monitor {
 namespace {
 
-using telemetry::MapBlock;
+using telemetry::floorDiv, telemetry::MapBlock;
 
 // Twice the signed area of (a, b, p) in the plane.
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& p) {
   return (b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x());
 }
 
-// Puts the triangle's depth (and the nearest corner's colour) at the nodes under it.
+// Sets the depth (and the nearest corner's colour) of the nodes under a triangle.
 void drawTriangle(const Mesh& mesh, const std::array<std::uint32_t, 3>& corners, LatticeSurface& surface) {
   std::array<Eigen::Vector2d, 3> p;
   std::array<double, 3> z;
@@ -65,10 +66,6 @@ std::uint64_t hilbertIndex(std::uint32_t x, std::uint32_t y, unsigned order) {
     y &= s - 1;
   }
   return index;
-}
-
-int floorDiv(int a, int b) {
-  return a >= 0 ? a / b : -((b - 1 - a) / b);
 }
 
 constexpr int kFiner = 5;               // nodes of the finer lattice in a cell, for means
@@ -183,7 +180,7 @@ LatticeSurface sampleSurface(const Mesh& mesh, double cell, Sampling sampling,
   surface.seen = static_cast<std::size_t>(
       std::count_if(surface.depth.begin(), surface.depth.end(), [](float z) { return !std::isnan(z); }));
   if (surface.seen == 0)
-    throw InputError(path.string(), "no node of the lattice lies under the surface",
+    throw InputError(path.string(), "no node of the lattice is under the surface",
                      "take smaller cells with --cell");
   return surface;
 }

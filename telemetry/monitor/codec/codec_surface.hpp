@@ -22,13 +22,13 @@ struct LatticeSurface {
   [[nodiscard]] std::size_t at(int i, int j) const {
     return static_cast<std::size_t>(i) * static_cast<std::size_t>(cols) + static_cast<std::size_t>(j);
   }
-  // What the seen nodes stand for, a cell each [m2].
+  // Area of the seen nodes, a cell each [m2].
   [[nodiscard]] double area() const { return static_cast<double>(seen) * cell * cell; }
 };
 
-// kMap: what the onboard map gives at that spacing, the mean of a finer lattice under a tent one cell wide
-// (recon/fusion, QuadtreeMap::extract), where half of the tent or more was seen. kPoint: the surface at the
-// node alone.
+// kMap: as the onboard map at that spacing, the mean of a finer lattice under a tent one cell wide
+// (recon/fusion, QuadtreeMap::extract), for nodes with half of the tent or more seen. kPoint: the surface at
+// the node alone.
 enum class Sampling : std::uint8_t { kMap, kPoint };
 
 // Samples a mesh (x north, y east, z down) at the nodes: the topmost surface where there are several. Throws

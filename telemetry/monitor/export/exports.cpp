@@ -1,11 +1,13 @@
 #include "telemetry/monitor/export/exports.hpp"
 
 #include <cmath>
+#include <exception>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <sstream>
 
-#include "recon/geometry/mesh_io.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/ply_writer.hpp"
 #include "telemetry/monitor/export/geo_raster.hpp"
 
 namespace fathom::monitor {
@@ -14,7 +16,6 @@ using nlohmann::ordered_json;
 
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr const char* kNoOrigin =
     "the mission's origin has not arrived yet, so nothing can be placed on the Earth";
 
@@ -24,8 +25,8 @@ std::string plyOf(ModelView& view) {
   if (const auto& mission = view.mission()) {
     std::ostringstream origin;
     origin.precision(10);
-    origin << "origin " << mission->origin.latitude / kDegree << ' ' << mission->origin.longitude / kDegree
-           << " deg WGS84, local transverse Mercator";
+    origin << "origin " << mission->origin.latitude / kRadiansPerDegree << ' '
+           << mission->origin.longitude / kRadiansPerDegree << " deg WGS84, local transverse Mercator";
     comments.push_back(origin.str());
   }
   std::ostringstream out;
@@ -40,7 +41,7 @@ std::string trackGeoJson(const ModelView& view) {
   const LocalTransverseMercator projection(view.mission()->origin);
   const auto position = [&](const TrackRecord& p) {
     const Geodetic g = projection.toGeodetic({p.north, p.east});
-    return ordered_json{g.longitude / kDegree, g.latitude / kDegree, -p.depth};
+    return ordered_json{g.longitude / kRadiansPerDegree, g.latitude / kRadiansPerDegree, -p.depth};
   };
   ordered_json line = ordered_json::array(), times = ordered_json::array();
   for (const auto& [utc_ns, p] : view.track()) {
@@ -93,6 +94,28 @@ Export makeExport(ModelView& view, std::string_view name) {
   }
   out.bytes = name == "elevation.tif" ? elevationTiff(*raster) : colourTiff(*raster);
   return out;
+}
+
+void ExportFiles::save(ModelView& view) {
+  trouble_.clear();
+  const bool origin = view.mission().has_value();
+  const bool all = origin != saved_origin_ || view.epoch() != saved_epoch_;
+  const bool map = all || view.store().version() != saved_map_;
+  const bool track = all || view.track().size() != saved_track_;
+  try {
+    for (const std::string_view name : kExportNames) {
+      if (!(name == "track.geojson" ? track : map)) continue;
+      const Export file = makeExport(view, name);
+      if (!file.bytes.empty()) writeFile(folder_ / name, file.bytes);
+    }
+  } catch (const std::exception& error) {
+    trouble_ = error.what();
+    return;
+  }
+  saved_epoch_ = view.epoch();
+  saved_map_ = view.store().version();
+  saved_track_ = view.track().size();
+  saved_origin_ = origin;
 }
 
 }  // namespace fathom::monitor

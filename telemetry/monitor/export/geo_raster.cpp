@@ -1,19 +1,23 @@
 #include "telemetry/monitor/export/geo_raster.hpp"
 
+#include <cpl_string.h>
+#include <gdal_priv.h>
 #include <ogr_spatialref.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <numbers>
+#include <mutex>
 #include <stdexcept>
+
+#include "realtime/base/units.hpp"
 
 namespace fathom::monitor {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kPatch = 64;  // pixels; inside one the projections differ by less than 0.1 mm from bilinear
 
 using Transformation =
@@ -81,16 +85,59 @@ void fillPatch(GeoRaster& raster, int row0, int column0, const Surface& surface,
   }
 }
 
+struct CloseDataset {
+  void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
+};
+
+void checkGdal(CPLErr result) {
+  if (result != CE_None) throw std::runtime_error(std::string("GDAL: ") + CPLGetLastErrorMsg());
+}
+
+// Encodes the file in memory.
+template <class Write>
+std::string tiff(const GeoRaster& raster, int bands, GDALDataType type, const char* predictor, Write write) {
+  static std::once_flag once;
+  std::call_once(once, [] { GDALAllRegister(); });
+  static std::atomic<unsigned> number{0};
+  const std::string name = "/vsimem/fathom-export-" + std::to_string(number++) + ".tif";
+  CPLStringList options;
+  options.AddString("TILED=YES");
+  options.AddString("COMPRESS=DEFLATE");
+  options.AddString((std::string("PREDICTOR=") + predictor).c_str());
+  GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
+  if (driver == nullptr) throw std::runtime_error("this GDAL writes no GeoTIFF");
+  std::unique_ptr<GDALDataset, CloseDataset> dataset(
+      driver->Create(name.c_str(), raster.width, raster.height, bands, type, options.List()));
+  if (!dataset) throw std::runtime_error(std::string("GDAL: ") + CPLGetLastErrorMsg());
+  OGRSpatialReference reference;
+  if (reference.importFromEPSG(raster.epsg) != OGRERR_NONE)
+    throw std::runtime_error("PROJ's database does not know EPSG:" + std::to_string(raster.epsg));
+  checkGdal(dataset->SetSpatialRef(&reference));
+  std::array<double, 6> transform{raster.west, raster.pixel, 0, raster.north, 0, -raster.pixel};
+  checkGdal(dataset->SetGeoTransform(transform.data()));
+  write(*dataset);
+  dataset.reset();
+  vsi_l_offset size = 0;
+  const std::unique_ptr<GByte, decltype(&VSIFree)> bytes(VSIGetMemFileBuffer(name.c_str(), &size, TRUE),
+                                                         &VSIFree);
+  if (!bytes) throw std::runtime_error("GDAL wrote nothing");
+  return {reinterpret_cast<const char*>(bytes.get()), static_cast<std::size_t>(size)};
+}
+
+// GDAL takes what it only reads through a pointer to non-const.
+void* readOnly(const void* data) {
+  return const_cast<void*>(data);
+}
+
 }  // namespace
 
 int epsgOf(const Geodetic& origin) {
-  const double latitude = origin.latitude / kDegree, longitude = origin.longitude / kDegree;
-  constexpr double kUtmNorth = 84, kUtmSouth = -80;
+  const double latitude = origin.latitude / kRadiansPerDegree;
+  constexpr double kUtmNorth = 84, kUtmSouth = -80;  // bounds of UTM [deg]
   constexpr int kUpsNorth = 32661, kUpsSouth = 32761;
   if (latitude > kUtmNorth) return kUpsNorth;
   if (latitude < kUtmSouth) return kUpsSouth;
-  const int zone = static_cast<int>(std::floor((longitude + 180) / 6)) % 60 + 1;
-  return (latitude < 0 ? 32700 : 32600) + zone;
+  return (latitude < 0 ? 32700 : 32600) + utmZone(origin.longitude);
 }
 
 std::optional<GeoRaster> rasterOf(const BlockStore& store, Surface& surface, const Geodetic& origin) {
@@ -102,19 +149,19 @@ std::optional<GeoRaster> rasterOf(const BlockStore& store, Surface& surface, con
   const Transformation to_map = transformation(kGeographic, raster.epsg),
                        from_map = transformation(raster.epsg, kGeographic);
   if (!to_map || !from_map)
-    throw std::runtime_error("PROJ gives no way to EPSG:" + std::to_string(raster.epsg));
+    throw std::runtime_error("PROJ has no transformation to EPSG:" + std::to_string(raster.epsg));
 
-  // The rim of the map in the projection: its extreme points lie on the rim of the rectangle in nav.
+  // Bounds of the map in the projection: its extreme points are on the border of the rectangle in nav.
   double west = 1e12, east = -1e12, south = 1e12, north = -1e12;
-  constexpr int kRim = 8;  // points a side
-  for (int i = 0; i <= kRim; ++i) {
-    const double n = bounds.north0 + (bounds.north1 - bounds.north0) * i / kRim;
-    const double e = bounds.east0 + (bounds.east1 - bounds.east0) * i / kRim;
+  constexpr int kBorder = 8;  // points a side
+  for (int i = 0; i <= kBorder; ++i) {
+    const double n = bounds.north0 + (bounds.north1 - bounds.north0) * i / kBorder;
+    const double e = bounds.east0 + (bounds.east1 - bounds.east0) * i / kBorder;
     for (const Eigen::Vector2d& p : {Eigen::Vector2d(n, bounds.east0), Eigen::Vector2d(n, bounds.east1),
                                      Eigen::Vector2d(bounds.north0, e), Eigen::Vector2d(bounds.north1, e)}) {
       const Geodetic g = local.toGeodetic(p);
-      double x = g.longitude / kDegree, y = g.latitude / kDegree;
-      if (!to_map->Transform(1, &x, &y)) throw std::runtime_error("the map lies outside its projection");
+      double x = g.longitude / kRadiansPerDegree, y = g.latitude / kRadiansPerDegree;
+      if (!to_map->Transform(1, &x, &y)) throw std::runtime_error("the map is outside its projection");
       west = std::min(west, x);
       east = std::max(east, x);
       south = std::min(south, y);
@@ -141,13 +188,37 @@ std::optional<GeoRaster> rasterOf(const BlockStore& store, Surface& surface, con
       for (int k = 0; k < 4; ++k) {
         double x = raster.west + (column + k % 2 * kPatch) * raster.pixel;
         double y = raster.north - (row + k / 2 * kPatch) * raster.pixel;
-        if (!from_map->Transform(1, &x, &y)) throw std::runtime_error("the map lies outside its projection");
-        corners[static_cast<std::size_t>(k)] = local.toLocal({y * kDegree, x * kDegree});
+        if (!from_map->Transform(1, &x, &y)) throw std::runtime_error("the map is outside its projection");
+        corners[static_cast<std::size_t>(k)] = local.toLocal({y * kRadiansPerDegree, x * kRadiansPerDegree});
       }
       fillPatch(raster, row, column, surface, corners);
     }
   }
   return raster;
+}
+
+std::string elevationTiff(const GeoRaster& raster) {
+  return tiff(raster, 1, GDT_Float32, "3", [&](GDALDataset& dataset) {
+    GDALRasterBand* band = dataset.GetRasterBand(1);
+    band->SetDescription("elevation above the sea surface");
+    band->SetUnitType("m");
+    checkGdal(band->SetNoDataValue(std::numeric_limits<double>::quiet_NaN()));
+    checkGdal(band->RasterIO(GF_Write, 0, 0, raster.width, raster.height, readOnly(raster.elevation.data()),
+                             raster.width, raster.height, GDT_Float32, 0, 0, nullptr));
+  });
+}
+
+std::string colourTiff(const GeoRaster& raster) {
+  return tiff(raster, 4, GDT_Byte, "2", [&](GDALDataset& dataset) {
+    constexpr std::array<GDALColorInterp, 4> kMeaning{GCI_RedBand, GCI_GreenBand, GCI_BlueBand,
+                                                      GCI_AlphaBand};
+    for (int band = 0; band < 4; ++band)
+      checkGdal(
+          dataset.GetRasterBand(band + 1)->SetColorInterpretation(kMeaning[static_cast<std::size_t>(band)]));
+    checkGdal(dataset.RasterIO(GF_Write, 0, 0, raster.width, raster.height, readOnly(raster.colour.data()),
+                               raster.width, raster.height, GDT_Byte, 4, nullptr, 4,
+                               GSpacing{4} * raster.width, 1, nullptr));
+  });
 }
 
 }  // namespace fathom::monitor

@@ -10,16 +10,16 @@
 
 namespace fathom::monitor {
 
-// The received surface resampled onto the grid of a map projection that other programs know: UTM in the zone
-// of the mission's origin (UPS beyond its ends). Every pixel's centre is taken back through the projection
-// into nav and the surface read there, so that the grid is exact although nav is another projection.
+// The received surface resampled to a standard projection: UTM in the zone of the mission's origin (UPS
+// beyond 84 N and 80 S). Every pixel's centre is transformed into nav and the surface sampled there, so that
+// the grid is exact although nav is another projection.
 struct GeoRaster {
   int epsg = 0;
   int width = 0, height = 0;         // pixels
   double west = 0, north = 0;        // outer corner of the first pixel [m]
   double pixel = 0;                  // edge [m]
   std::vector<float> elevation;      // row by row from the north, above the sea surface [m]; NaN: no map
-  std::vector<std::uint8_t> colour;  // red, green, blue, 255; all 0 where nothing or no colour came
+  std::vector<std::uint8_t> colour;  // red, green, blue, 255; all 0 without map or colour
 };
 
 inline constexpr std::int64_t kMaxPixels = 16'000'000;  // more, and the pixel doubles

@@ -30,8 +30,8 @@ bool showable(const MapBlock& block) {
   return true;
 }
 
-// Whether the seafloor of two contents of one block differs by more than the two roundings can explain. That
-// more of it was seen is growth, and a centimetre is the map growing better.
+// Whether two contents of one block differ by more than both error bounds and 5 cm. More seen nodes are no
+// change.
 bool differs(const StoredBlock& old, const MapBlock& block, double max_error) {
   constexpr double kLeastChange_m = 0.05;
   const double bound = std::max(old.max_error + max_error, kLeastChange_m);
@@ -64,7 +64,7 @@ const BlockStore::Chunk* BlockStore::chunk(ChunkKey key) const {
 BlockStore::Chunk& BlockStore::own(std::shared_ptr<const Chunk>& held) {
   if (held == nullptr) held = std::make_shared<Chunk>();
   if (held.use_count() > 1) held = std::make_shared<Chunk>(*held);
-  return const_cast<Chunk&>(*held);  // made above or in an earlier call, and never constant
+  return const_cast<Chunk&>(*held);  // created above or in an earlier call, and never constant
 }
 
 const StoredBlock* BlockStore::find(const BlockKey& key) const {
@@ -123,7 +123,7 @@ bool BlockStore::put(const MapBlock& block, const Origin& origin) {
       stored.changed_utc_ns = origin.utc_ns;
     }
   }
-  // Colour comes dearer than depth; a block sent again without it keeps the colour that it had.
+  // A block sent again without colour keeps the colour that it had.
   const bool keep_colour = !is_new && stored.has_colour && !origin.has_colour;
   const auto colour = keep_colour ? stored.block.colour : block.colour;
   stored.block = block;

@@ -11,13 +11,6 @@ namespace {
 constexpr std::uint8_t kHasColour = 1, kInterpolated = 2;
 constexpr std::size_t kNarrowIndices = 65535;
 
-template <class T>
-void append(std::string& out, T value) {
-  char bytes[sizeof(T)];
-  std::memcpy(bytes, &value, sizeof(T));  // the machines this runs on are little-endian, as is the format
-  out.append(bytes, sizeof(T));
-}
-
 void pad(std::string& out) {
   out.resize((out.size() + 3) / 4 * 4);
 }
@@ -35,44 +28,45 @@ std::int8_t unitByte(float component) {
 }
 
 void appendChunk(std::string& out, ChunkKey key, const ChunkMesh& mesh, std::int64_t base_utc_ns) {
-  append(out, key.north);
-  append(out, key.east);
-  append(out, static_cast<std::uint32_t>(mesh.vertices.size()));
-  append(out, static_cast<std::uint32_t>(mesh.triangles.size()));
-  append(out, static_cast<float>(mesh.area));
-  append(out, std::uint32_t{0});
+  appendBytes(out, key.north);
+  appendBytes(out, key.east);
+  appendBytes(out, static_cast<std::uint32_t>(mesh.vertices.size()));
+  appendBytes(out, static_cast<std::uint32_t>(mesh.triangles.size()));
+  appendBytes(out, static_cast<float>(mesh.area));
+  appendBytes(out, std::uint32_t{0});
   for (const auto& v : mesh.vertices) {
-    append(out, v.north);
-    append(out, v.east);
+    appendBytes(out, v.north);
+    appendBytes(out, v.east);
   }
-  for (const auto& v : mesh.vertices) append(out, static_cast<float>(v.point.depth));
+  for (const auto& v : mesh.vertices) appendBytes(out, static_cast<float>(v.point.depth));
   for (const auto& v : mesh.vertices) {
-    append(out, unitByte(v.normal[0]));
-    append(out, unitByte(v.normal[1]));
-    append(out, unitByte(-v.normal[2]));
-    append(out, static_cast<std::uint8_t>(v.point.spacing));
-  }
-  for (const auto& v : mesh.vertices) {
-    for (const double channel : v.point.colour) append(out, static_cast<std::uint8_t>(std::lround(channel)));
-    append(out, static_cast<std::uint8_t>((v.point.has_colour ? kHasColour : 0) |
-                                          (v.point.interpolated ? kInterpolated : 0)));
+    appendBytes(out, unitByte(v.normal[0]));
+    appendBytes(out, unitByte(v.normal[1]));
+    appendBytes(out, unitByte(-v.normal[2]));
+    appendBytes(out, static_cast<std::uint8_t>(v.point.spacing));
   }
   for (const auto& v : mesh.vertices) {
-    append(out, millimetres(v.point.sigma));
-    append(out, millimetres(v.point.max_error));
+    for (const double channel : v.point.colour)
+      appendBytes(out, static_cast<std::uint8_t>(std::lround(channel)));
+    appendBytes(out, static_cast<std::uint8_t>((v.point.has_colour ? kHasColour : 0) |
+                                               (v.point.interpolated ? kInterpolated : 0)));
   }
   for (const auto& v : mesh.vertices) {
-    append(out, secondsSince(base_utc_ns, v.point.received_utc_ns));
-    append(out, v.point.changed_utc_ns == 0 ? std::numeric_limits<float>::quiet_NaN()
-                                            : secondsSince(base_utc_ns, v.point.changed_utc_ns));
+    appendBytes(out, millimetres(v.point.sigma));
+    appendBytes(out, millimetres(v.point.max_error));
+  }
+  for (const auto& v : mesh.vertices) {
+    appendBytes(out, secondsSince(base_utc_ns, v.point.received_utc_ns));
+    appendBytes(out, v.point.changed_utc_ns == 0 ? std::numeric_limits<float>::quiet_NaN()
+                                                 : secondsSince(base_utc_ns, v.point.changed_utc_ns));
   }
   const bool narrow = mesh.vertices.size() <= kNarrowIndices;
   for (const auto& triangle : mesh.triangles)
     for (const std::uint32_t corner : triangle)
       if (narrow)
-        append(out, static_cast<std::uint16_t>(corner));
+        appendBytes(out, static_cast<std::uint16_t>(corner));
       else
-        append(out, corner);
+        appendBytes(out, corner);
   pad(out);
 }
 
@@ -86,14 +80,14 @@ std::string mapBinary(const BlockStore& store, Surface& surface, std::uint64_t s
   std::sort(changed.begin(), changed.end());
 
   std::string out = "FMAP";
-  append(out, std::uint32_t{0});
-  append(out, std::uint32_t{0});
-  append(out, std::uint32_t{0});
-  append(out, static_cast<double>(base_utc_ns) * 1e-9);
+  appendBytes(out, std::uint32_t{0});
+  appendBytes(out, std::uint32_t{0});
+  appendBytes(out, std::uint32_t{0});
+  appendBytes(out, static_cast<double>(base_utc_ns) * 1e-9);
   std::uint32_t count = 0;
   auto version = static_cast<std::uint32_t>(store.version());
   for (std::size_t i = 0; i < changed.size(); ++i) {
-    // Chunks that one block changed together have one version and must not be parted.
+    // Chunks that one block changed have one version and must be sent together.
     if (out.size() > kMaxStreamBytes && changed[i].first != changed[i - 1].first) {
       version = static_cast<std::uint32_t>(changed[i - 1].first);
       break;

@@ -16,10 +16,11 @@ class ReceivedMap {
  public:
   explicit ReceivedMap(std::size_t max_blocks = BlockStore::kDefaultBlocks) : store_(max_blocks) {}
 
-  // Takes the payload of a map packet that came with that frame; false if it is none.
+  // Takes the payload of a map packet of frame `version`; false if it is none.
   [[nodiscard]] bool takePacket(std::span<const std::uint8_t> payload, telemetry::Version version,
                                 std::int64_t utc_ns);
-  // Puts a tile's nodes into the blocks of their spacing. A tile older than the newest of its place is left.
+  // Puts a tile's nodes into the blocks of their spacing. A tile older than the newest of its place is
+  // ignored.
   void takeTile(const telemetry::DecodedTile& tile, telemetry::Version version, std::int64_t utc_ns);
 
   // See BlockStore.

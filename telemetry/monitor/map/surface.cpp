@@ -57,7 +57,7 @@ class Surface::Builder {
     return found != split_.end() && found->second->count(cellId(code, p)) > 0;
   }
 
-  // `filled`: a coarser cell around this one is whole, so that every place in it has a height.
+  // `filled`: a coarser cell around this one has all corners, so that every place in it has a height.
   void cell(int code, Place p, bool filled) {
     const int corners = code <= kCoarsestCode && nodes_.hasLevel(code) ? nodes_.corners(code, p) : 0;
     filled = filled || corners == 4;
@@ -143,15 +143,15 @@ class Surface::Builder {
     if (mask == 0xF) return vertex(middle);
     const auto corners = cornersOf(code, p);
     const bool rising = (mask & 0x5U) == 0x5U;  // the long side runs from south-west to north-east
-    SurfacePoint a = *nodes_.at(corners[rising ? 0 : 1]), b = *nodes_.at(corners[rising ? 2 : 3]);
-    SurfacePoint point = between({a, b, b, a}, 0, 0.5);
+    MapSurfacePoint a = *nodes_.at(corners[rising ? 0 : 1]), b = *nodes_.at(corners[rising ? 2 : 3]);
+    MapSurfacePoint point = between({a, b, b, a}, 0, 0.5);
     point.interpolated = true;
     return vertex(middle, point);
   }
 
   std::uint32_t vertex(Place place) { return vertex(place, *nodes_.at(place)); }
 
-  std::uint32_t vertex(Place place, const SurfacePoint& point) {
+  std::uint32_t vertex(Place place, const MapSurfacePoint& point) {
     const auto n = static_cast<std::uint32_t>(place.north - origin_.north);
     const auto e = static_cast<std::uint32_t>(place.east - origin_.east);
     const auto [at, is_new] = index_.try_emplace(n * kVertexRow + e, mesh_.vertices.size());
@@ -251,7 +251,7 @@ Mesh Surface::whole() {
   return whole;
 }
 
-std::optional<SurfacePoint> Surface::sample(double north, double east) const {
+std::optional<MapSurfacePoint> Surface::sample(double north, double east) const {
   if (!(std::abs(north) < kMaxHorizontal_m && std::abs(east) < kMaxHorizontal_m)) return std::nullopt;
   const double n = north * kUnitsPerMetre, e = east * kUnitsPerMetre;
   const Place p{static_cast<Unit>(std::floor(n)), static_cast<Unit>(std::floor(e))};
@@ -264,7 +264,7 @@ std::optional<SurfacePoint> Surface::sample(double north, double east) const {
     const auto places =
         std::array{corner, Place{corner.north, corner.east + s}, Place{corner.north + s, corner.east + s},
                    Place{corner.north + s, corner.east}};
-    std::array<std::optional<SurfacePoint>, 4> c;
+    std::array<std::optional<MapSurfacePoint>, 4> c;
     int seen = 0;
     std::size_t missing = 0;
     for (std::size_t i = 0; i < 4; ++i) {
@@ -276,7 +276,7 @@ std::optional<SurfacePoint> Surface::sample(double north, double east) const {
     }
     if (seen == 4) return between({*c[0], *c[1], *c[2], *c[3]}, fn, fe);
     if (seen < 3) continue;
-    // The plane through three corners, where it is between them: the fourth as a parallelogram gives it.
+    // The plane through three corners, between them: the fourth completes the parallelogram.
     const double from_missing_n = missing < 2 ? fn : 1 - fn;
     const double from_missing_e = missing == 0 || missing == 3 ? fe : 1 - fe;
     if (from_missing_n + from_missing_e < 1) continue;
@@ -285,7 +285,7 @@ std::optional<SurfacePoint> Surface::sample(double north, double east) const {
     c[missing]->depth = left->depth + right->depth - far->depth;
     for (std::size_t k = 0; k < 3; ++k)
       c[missing]->colour[k] = left->colour[k] + right->colour[k] - far->colour[k];
-    SurfacePoint point = between({*c[0], *c[1], *c[2], *c[3]}, fn, fe);
+    MapSurfacePoint point = between({*c[0], *c[1], *c[2], *c[3]}, fn, fe);
     for (double& channel : point.colour) channel = std::clamp(channel, 0.0, 255.0);
     return point;
   }

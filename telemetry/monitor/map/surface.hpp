@@ -12,14 +12,14 @@
 
 namespace fathom::monitor {
 
-// What the map says at one place.
-struct SurfacePoint {
+// The map at one place.
+struct MapSurfacePoint {
   double depth = 0;                               // nav z [m]
-  std::array<double, 3> colour{};                 // 0 to 255; means something where has_colour
+  std::array<double, 3> colour{};                 // 0 to 255; valid with has_colour
   double sigma = 0, max_error = 0;                // of the block [m]
   std::int64_t received_utc_ns = 0;               // of the block
   std::int64_t changed_utc_ns = 0;                // 0: never
-  telemetry::SpacingCode spacing = 0;             // of the lattice that it comes from
+  telemetry::SpacingCode spacing = 0;             // of its lattice
   bool has_colour = false, interpolated = false;  // interpolated: no node was received at this place
 };
 
@@ -27,20 +27,20 @@ struct SurfacePoint {
 struct ChunkMesh {
   struct Vertex {
     std::uint16_t north = 0, east = 0;  // from the chunk's corner, 0 to kChunkUnits
-    SurfacePoint point;
+    MapSurfacePoint point;
     std::array<float, 3> normal{};  // nav
   };
   std::vector<Vertex> vertices;
   std::vector<std::array<std::uint32_t, 3>> triangles;
   double area = 0;            // in plan [m2]
-  std::uint64_t version = 0;  // of the store when the mesh was made
+  std::uint64_t version = 0;  // of the store when the mesh was built
 };
 
-// The surface that a BlockStore shows. Its cells are the finest for which nodes were received; where finer
-// nodes cover only a part of a coarser cell, the rest of it is cut into cells of their size with interpolated
-// nodes. The height at a place depends on the place alone, and every cell carries the nodes of its finer
-// neighbours on its edges, so that the mesh has no cracks, whatever the levels and across chunks.
-// Meshes are made when asked for and kept until the store changes there.
+// The surface of a BlockStore. Its cells are the finest for which nodes were received; when finer nodes cover
+// only a part of a coarser cell, the rest of it is split into cells of their size with interpolated nodes.
+// The height at a place depends on the place alone, and every cell includes the nodes of its finer neighbours
+// on its edges, so that the mesh has no cracks between levels and chunks. Meshes are built when asked for and
+// kept until the store changes there.
 class Surface {
  public:
   explicit Surface(const BlockStore& store) : store_(store) {}
@@ -51,7 +51,7 @@ class Surface {
   // The whole map in nav, with colours (grey where none came) and sigma; chunk by chunk.
   [[nodiscard]] Mesh whole();
   // Between the nodes of the finest lattice that surrounds the place.
-  [[nodiscard]] std::optional<SurfacePoint> sample(double north, double east) const;
+  [[nodiscard]] std::optional<MapSurfacePoint> sample(double north, double east) const;
 
  private:
   using Cells = std::unordered_set<std::uint32_t>;

@@ -45,21 +45,21 @@ bool SurfaceNodes::isReceived(int code, Place p) const {
   return block != nullptr && block->block.isSeen(nodeIndex(code, p));
 }
 
-std::optional<SurfacePoint> SurfaceNodes::received(int code, Place p) const {
+std::optional<MapSurfacePoint> SurfaceNodes::received(int code, Place p) const {
   const StoredBlock* stored = blockAt(code, p);
   const int n = nodeIndex(code, p);
   if (stored == nullptr || !stored->block.isSeen(n)) return std::nullopt;
   const auto i = static_cast<std::size_t>(n);
   const Rgb& colour = stored->block.colour[i];
-  return SurfacePoint{stored->block.depth[i],
-                      {double(colour[0]), double(colour[1]), double(colour[2])},
-                      stored->block.sigma,
-                      stored->max_error,
-                      stored->received_utc_ns,
-                      stored->changed_utc_ns,
-                      static_cast<telemetry::SpacingCode>(code),
-                      stored->has_colour,
-                      false};
+  return MapSurfacePoint{stored->block.depth[i],
+                         {double(colour[0]), double(colour[1]), double(colour[2])},
+                         stored->block.sigma,
+                         stored->max_error,
+                         stored->received_utc_ns,
+                         stored->changed_utc_ns,
+                         static_cast<telemetry::SpacingCode>(code),
+                         stored->has_colour,
+                         false};
 }
 
 int SurfaceNodes::corners(int code, Place p) const {
@@ -68,19 +68,19 @@ int SurfaceNodes::corners(int code, Place p) const {
          int{isReceived(code, {p.north, p.east + s})} + int{isReceived(code, {p.north + s, p.east + s})};
 }
 
-std::optional<SurfacePoint> SurfaceNodes::finest(Place p) const {
+std::optional<MapSurfacePoint> SurfaceNodes::finest(Place p) const {
   for (int code = 0; code < kLevels && isOn(code, p); ++code)
     if (hasLevel(code))
       if (auto point = received(code, p)) return point;
   return std::nullopt;
 }
 
-std::optional<SurfacePoint> SurfaceNodes::at(Place p) const {
+std::optional<MapSurfacePoint> SurfaceNodes::at(Place p) const {
   if (auto point = finest(p)) return point;
   for (int code = 1; code < kLevels; ++code) {
     if (!hasLevel(code)) continue;
     const Unit s = Unit{1} << code, mask = s - 1;
-    // On an edge two cells touch the place; on a corner that was not received none is whole.
+    // On an edge two cells touch the place; at a corner that was not received no cell has all corners.
     const Place south_west{p.north & ~mask, p.east & ~mask};
     const bool on_row = (p.north & mask) == 0, on_column = (p.east & mask) == 0;
     if (on_row && on_column) continue;
@@ -89,10 +89,10 @@ std::optional<SurfacePoint> SurfaceNodes::at(Place p) const {
     if (on_column) cells[1].east -= s;
     for (const Place& cell : cells) {
       if (corners(code, cell) < 4) continue;
-      const std::array<SurfacePoint, 4> at_corners{*finest(cell), *finest({cell.north, cell.east + s}),
-                                                   *finest({cell.north + s, cell.east + s}),
-                                                   *finest({cell.north + s, cell.east})};
-      SurfacePoint point =
+      const std::array<MapSurfacePoint, 4> at_corners{*finest(cell), *finest({cell.north, cell.east + s}),
+                                                      *finest({cell.north + s, cell.east + s}),
+                                                      *finest({cell.north + s, cell.east})};
+      MapSurfacePoint point =
           between(at_corners, double(p.north - cell.north) / s, double(p.east - cell.east) / s);
       point.spacing = static_cast<telemetry::SpacingCode>(code);
       point.interpolated = true;
@@ -102,11 +102,11 @@ std::optional<SurfacePoint> SurfaceNodes::at(Place p) const {
   return std::nullopt;
 }
 
-SurfacePoint between(const std::array<SurfacePoint, 4>& c, double n, double e) {
+MapSurfacePoint between(const std::array<MapSurfacePoint, 4>& c, double n, double e) {
   const std::array<double, 4> weight{(1 - n) * (1 - e), (1 - n) * e, n * e, n * (1 - e)};
   const std::size_t nearest =
       static_cast<std::size_t>(std::max_element(weight.begin(), weight.end()) - weight.begin());
-  SurfacePoint point = c[nearest];
+  MapSurfacePoint point = c[nearest];
   point.depth = point.sigma = 0;
   point.has_colour = true;
   std::array<double, 3> colour{};

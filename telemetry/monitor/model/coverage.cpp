@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::monitor {
 namespace {
 
@@ -40,7 +42,7 @@ void markReceived(const telemetry::MapBlock& block, SquareMap& squares) {
     if (!block.isSeen(n)) continue;
     const double north = (4 * block.key.north + n / 4) * spacing,
                  east = (4 * block.key.east + n % 4) * spacing;
-    // A node speaks for its cell; fine ones for the square that they lie in.
+    // A node covers its cell; a fine one the square that holds it.
     const double reach = spacing > 1 ? half : 0;
     for (auto i = static_cast<std::int32_t>(std::floor(north - reach)); i <= north + reach; ++i)
       for (auto j = static_cast<std::int32_t>(std::floor(east - reach)); j <= east + reach; ++j)
@@ -71,9 +73,9 @@ Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t no
   coverage.received_area = received.count();
 
   SquareMap listed;
-  const double share = std::tan(kViewAngle_deg / 2 * std::numbers::pi / 180);
+  const double share = std::tan(degreesToRadians(kViewAngle_deg / 2));
   const auto look = [&](double north, double east, double depth, double altitude) {
-    // At least half a square's diagonal, so that a low vehicle leaves no gaps in its own wake.
+    // At least half a square's diagonal, so that the band of a low vehicle has no gaps.
     const double half = std::max(altitude * share, std::numbers::sqrt2 / 2);
     for (auto i = static_cast<std::int32_t>(std::floor(north - half)); i < north + half; ++i) {
       for (auto j = static_cast<std::int32_t>(std::floor(east - half)); j < east + half; ++j) {
@@ -95,7 +97,7 @@ Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t no
       steps =
           std::max(1, static_cast<int>(std::ceil(
                           std::hypot(next->second.north - here.north, next->second.east - here.east) / 0.5)));
-    constexpr int kMostSteps = 400;  // a jump further than any vehicle goes in the gap is no way
+    constexpr int kMostSteps = 400;  // a jump further than any vehicle moves in the gap is no track
     if (steps > kMostSteps) steps = 1;
     for (int k = 0; k < steps; ++k) {
       const double f = static_cast<double>(k) / steps;

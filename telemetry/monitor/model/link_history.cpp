@@ -6,7 +6,7 @@
 namespace fathom::monitor {
 
 void LinkHistory::add(std::int64_t utc_ns, std::size_t bytes, bool accepted, std::uint64_t lost_so_far) {
-  // A clock that began in another decade, or a ship that heard nothing for a day: what was before is over.
+  // A clock that started in another year, or a day without a frame: the steps before are dropped.
   const auto length_ns = static_cast<std::int64_t>(steps_.size()) * step_ns_;
   if (!steps_.empty() &&
       (utc_ns - start_ns_ - length_ns > kLongestSilence_ns || start_ns_ - utc_ns > kLongestSilence_ns)) {

@@ -3,23 +3,25 @@
 #include <cstdint>
 #include <deque>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::monitor {
 
-// How the link did over time, in steps of equal length. Bounded: when the steps are too many, two become one;
-// after a day without a frame, or a clock that leaps as far, it begins anew.
+// Frames of the link over time, in steps of equal length. Bounded: when the steps are too many, pairs of them
+// are joined; after a day without a frame, or a clock step of a day, it starts again.
 class LinkHistory {
  public:
   struct Step {
     std::uint64_t bytes = 0;     // of accepted frames
     std::uint64_t accepted = 0;  // frames
-    std::uint64_t rejected = 0;  // frames that were damaged, foreign, repeated
-    std::int64_t lost = 0;       // frames; negative where late or repaired ones came after their step
+    std::uint64_t rejected = 0;  // damaged, foreign or repeated frames
+    std::int64_t lost = 0;       // frames; negative when late or repaired ones came after their step
   };
   static constexpr std::size_t kMaxSteps = 720;
   static constexpr std::int64_t kFirstStep_ns = 10'000'000'000;
-  static constexpr std::int64_t kLongestSilence_ns = 86'400 * 1'000'000'000LL;
+  static constexpr std::int64_t kLongestSilence_ns = 86'400 * kSecond_ns;
 
-  // A frame heard at `utc_ns`; `lost_so_far` as the receiver counts it after this frame.
+  // Adds a frame received at `utc_ns`; `lost_so_far`: the receiver's count after it.
   void add(std::int64_t utc_ns, std::size_t bytes, bool accepted, std::uint64_t lost_so_far);
 
   // Over the steps that reach into the `window_s` before the newest.

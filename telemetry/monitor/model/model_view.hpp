@@ -9,16 +9,16 @@
 
 namespace fathom::monitor {
 
-// A copy of what a model has received, for whoever works on it for longer than reception can wait: pages,
-// exports, files. Meshes and coverage are made when asked for, outside of the model's lock, and kept until
-// they change. For one thread at a time.
+// A copy of a model's received data, for work that takes longer than reception can wait: pages, exports,
+// files. Meshes and coverage are computed when asked for, outside of the model's lock, and kept until they
+// change. For one thread at a time.
 class ModelView {
  public:
   ModelView() = default;
   ModelView(const ModelView&) = delete;
   ModelView& operator=(const ModelView&) = delete;
 
-  // Takes over what is new, under the model's lock; the map's chunks are shared, not copied.
+  // Copies what is new, under the model's lock; the map's chunks are shared, not copied.
   void refresh(SharedModel& shared);
   void take(const MonitorModel& model, std::uint64_t epoch = 0, std::int64_t now_utc_ns = 0);
 
@@ -43,5 +43,35 @@ class ModelView {
   Coverage coverage_;
   std::uint64_t coverage_map_ = 0, coverage_track_ = 0;  // versions that coverage_ is of
 };
+
+inline void ModelView::refresh(SharedModel& shared) {
+  const std::lock_guard lock(shared.mutex);
+  take(*shared.model, shared.epoch, shared.now_utc_ns);
+}
+
+inline void ModelView::take(const MonitorModel& model, std::uint64_t epoch, std::int64_t now_utc_ns) {
+  now_utc_ns_ = now_utc_ns;
+  history_start_ns_ = model.history().start();
+  mission_ = model.mission();
+  identity_ = model.receiver().identity().value_or(telemetry::LinkIdentity{});
+  const bool is_another = epoch != epoch_;  // its versions cannot be compared with those before
+  if (is_another || track_version_ != model.trackVersion()) track_ = model.track();
+  if (is_another || store_.version() != model.map().version()) store_ = model.map().store();
+  track_version_ = model.trackVersion();
+  if (!is_another) return;
+  epoch_ = epoch;
+  surface_.emplace(store_);
+  coverage_map_ = coverage_track_ = UINT64_MAX;
+}
+
+inline const Coverage& ModelView::coverage() {
+  if (coverage_map_ != store_.version() || coverage_track_ != track_version_ ||
+      now_utc_ns_ >= coverage_.changes_until_utc_ns) {
+    coverage_ = coverageOf(track_, store_, now_utc_ns_);
+    coverage_map_ = store_.version();
+    coverage_track_ = track_version_;
+  }
+  return coverage_;
+}
 
 }  // namespace fathom::monitor

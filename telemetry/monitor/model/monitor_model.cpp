@@ -67,7 +67,7 @@ void MonitorModel::followBeginning() {
 bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::int64_t utc_ns) {
   followBeginning();
   const auto& [type, version, payload] = message;
-  // A message that comes late must not take the vehicle back.
+  // A late message must not replace a newer one.
   const auto isNewer = [version = version](telemetry::Version& newest) {
     const bool newer = version >= newest;
     newest = std::max(newest, version);
@@ -87,8 +87,8 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
       return true;
     }
     case MessageType::kReport: {
-      telemetry::Report report;
-      if (!telemetry::decodeReport(payload, report)) return false;
+      telemetry::StateReport report;
+      if (!telemetry::decodeStateReport(payload, report)) return false;
       if (!isNewer(report_version_)) return true;
       report_ = report;
       requests_.noteReport(report, utc_ns, [this](std::uint8_t id) {
@@ -120,7 +120,7 @@ bool MonitorModel::take(const telemetry::LinkReceiver::Message& message, std::in
     }
     case MessageType::kRepair:
     case MessageType::kDownlink:
-      return false;  // the receiver keeps these to itself
+      return false;  // handled by the receiver
   }
   return false;
 }
@@ -135,8 +135,8 @@ DecodedFrame MonitorModel::accept(std::span<const std::uint8_t> bytes, std::int6
   return frame;
 }
 
-bool MonitorModel::hear(std::span<const std::uint8_t> modem_frame, std::int64_t utc_ns, const Each& each) {
-  return link_.hear(modem_frame, [&](std::span<const std::uint8_t> link_frame) {
+bool MonitorModel::receive(std::span<const std::uint8_t> modem_frame, std::int64_t utc_ns, const Each& each) {
+  return link_.receive(modem_frame, [&](std::span<const std::uint8_t> link_frame) {
     const DecodedFrame frame = accept(link_frame, utc_ns);
     if (each) each(frame, link_frame);
     return frame.verdict == FrameVerdict::kAccepted;
@@ -154,7 +154,7 @@ bool MonitorModel::ask(const telemetry::Request& request, std::int64_t utc_ns) {
   return true;
 }
 
-bool MonitorModel::tellFix(const telemetry::UsblFixMessage& fix) {
+bool MonitorModel::sendFix(const telemetry::UsblFixMessage& fix) {
   telemetry::DownlinkSender* sender = link_.sender();
   telemetry::UsblFixMessage said = fix;
   said.utc_ns = vehicleTime(fix.utc_ns);
@@ -170,7 +170,7 @@ std::size_t MonitorModel::speak(std::int64_t utc_ns, std::span<std::uint8_t> out
                                 const telemetry::ShipLink::Kept& kept) {
   const std::size_t size = link_.nextFrame(utc_ns, vehicleTime(utc_ns), out, kept);
   if (size == 0) return 0;
-  // What was said for the last time had until this turn to be reported.
+  // Requests sent for the last time had until this turn to be reported.
   requests_.noteGivenUp(utc_ns, [this](std::uint8_t id) { return link_.sender()->waits(id); });
   telemetry::LinkFrames said(out.first(size));
   while (const auto frame = said.next()) requests_.noteSent(*frame, utc_ns);

@@ -1,8 +1,9 @@
 #include "telemetry/monitor/model/request_ledger.hpp"
 
 #include <algorithm>
+#include <array>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/link_key.hpp"
 
@@ -24,7 +25,7 @@ void RequestLedger::noteSent(std::span<const std::uint8_t> frame, std::int64_t u
       !downlink.content.request)
     return;
   for (Entry& entry : entries_) {
-    // Ids come again after sixteen requests: the newest is meant.
+    // Ids repeat after sixteen requests: the newest one matches.
     if (entry.request.id != downlink.content.request->id) continue;
     if (entry.state == State::kQueued) {
       entry.state = State::kSent;
@@ -35,16 +36,16 @@ void RequestLedger::noteSent(std::span<const std::uint8_t> frame, std::int64_t u
   }
 }
 
-void RequestLedger::noteReport(const telemetry::Report& report, std::int64_t utc_ns,
+void RequestLedger::noteReport(const telemetry::StateReport& report, std::int64_t utc_ns,
                                const std::function<void(std::uint8_t id)>& confirm) {
   using Outcome = telemetry::RequestOutcome;
-  constexpr telemetry::DownlinkCounter kTold = (1U << telemetry::kOutcomeCounterBits) - 1;
+  constexpr telemetry::DownlinkCounter kCounterMask = (1U << telemetry::kOutcomeCounterBits) - 1;
   for (Entry& entry : entries_) {
     const auto said = std::span(entry.counters)
                           .first(std::min(entry.counters.size(), static_cast<std::size_t>(entry.times_sent)));
     for (const Outcome& outcome : report.requests) {
       const auto is = [&](telemetry::DownlinkCounter counter) {
-        return (counter & kTold) == outcome.counter;
+        return (counter & kCounterMask) == outcome.counter;
       };
       if (outcome.state == Outcome::State::kNone || outcome.id != entry.request.id ||
           std::none_of(said.begin(), said.end(), is))
@@ -68,21 +69,9 @@ void RequestLedger::noteGivenUp(std::int64_t utc_ns, const std::function<bool(st
 }
 
 const char* name(RequestLedger::State state) {
-  switch (state) {
-    case RequestLedger::State::kQueued:
-      return "queued";
-    case RequestLedger::State::kSent:
-      return "sent";
-    case RequestLedger::State::kTaken:
-      return "taken";
-    case RequestLedger::State::kDone:
-      return "done";
-    case RequestLedger::State::kRefused:
-      return "refused";
-    case RequestLedger::State::kUnanswered:
-      return "no answer";
-  }
-  return "unknown";
+  static constexpr std::array kNames{"queued", "sent", "taken", "done", "refused", "no answer"};
+  const auto at = static_cast<std::size_t>(state);
+  return at < kNames.size() ? kNames[at] : "unknown";
 }
 
 std::string describe(const Request& request) {

@@ -8,31 +8,31 @@
 #include <string>
 #include <thread>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/map/chunk_stream.hpp"
 #include "telemetry/monitor/model/model_view.hpp"
-#include "telemetry/monitor/web/page_requests.hpp"
-#include "telemetry/monitor/web/reports.hpp"
+#include "telemetry/monitor/web/page_api.hpp"
 
 namespace fathom::monitor {
 namespace {
 
 using namespace std::chrono_literals;
-using web::answer, web::refusal, web::Request, web::Response;
+using web::answer, web::refusal, web::HttpRequest, web::Response;
 using web::status::kBadRequest, web::status::kBusy, web::status::kConflict, web::status::kNotFound;
 
 constexpr const char* kJson = "application/json";
 constexpr const char* kBinary = "application/octet-stream";
 
-std::uint64_t sinceOf(const Request& request) {
+std::uint64_t sinceOf(const HttpRequest& request) {
   const std::string text = request.parameter("since");
   std::uint64_t since = 0;
   std::from_chars(text.data(), text.data() + text.size(), since);
   return since;
 }
 
-// From n0, e0 to n1, e1 [m]; none where one is no place that a dive has.
-std::optional<std::array<double, 4>> lineOf(const Request& request) {
+// The line from n0, e0 to n1, e1 [m]; nullopt when a value is absent or out of bounds.
+std::optional<std::array<double, 4>> lineOf(const HttpRequest& request) {
   constexpr std::array<const char*, 4> kNames{"n0", "e0", "n1", "e1"};
   std::array<double, 4> line{};
   for (std::size_t i = 0; i < kNames.size(); ++i) {
@@ -52,43 +52,43 @@ struct WebServer::Impl {
   void addReads(web::Routes& routes);
   void addExports(web::Routes& routes);
   void addPosts(web::Routes& routes);
-  void tellOfGrowth();
+  void publishChanges();
 
   SharedModel& shared;
-  std::mutex view_mutex;  // of page_view; may wait for the model's, never the other way round
+  std::mutex view_mutex;  // of page_view; locked before the model's, never after it
   ModelView page_view;
-  ModelView export_view;  // of long work, which is one at a time
+  ModelView export_view;  // of long work, one at a time
   std::optional<web::PageServer> page;
-  bool closing = false;  // under the model's mutex
-  std::thread teller;    // last: it uses the rest
+  bool closing = false;   // under the model's mutex
+  std::thread publisher;  // last: it uses the rest
 };
 
 void WebServer::Impl::addReads(web::Routes& routes) {
-  routes.get("/api/state", [this](const Request&) {
+  routes.get("/api/state", [this](const HttpRequest&) {
     const std::lock_guard lock(view_mutex);
     return answer(stateJson(shared, page_view), kJson);
   });
-  routes.get("/api/history", [this](const Request&) {
+  routes.get("/api/history", [this](const HttpRequest&) {
     const std::lock_guard lock(shared.mutex);
     return answer(historyJson(*shared.model), kJson);
   });
-  // What is made of the map or the track, from a copy.
+  // Answers computed from a copy of the map and the track.
   const auto view = [this, &routes](const char* path, auto make) {
-    routes.get(path, [this, make](const Request& request) {
+    routes.get(path, [this, make](const HttpRequest& request) {
       const std::lock_guard lock(view_mutex);
       page_view.refresh(shared);
       return make(request, page_view);
     });
   };
-  view("/api/track", [](const Request&, ModelView& v) { return answer(trackJson(v), kJson); });
+  view("/api/track", [](const HttpRequest&, ModelView& v) { return answer(trackJson(v), kJson); });
   view("/api/coverage",
-       [](const Request&, ModelView& v) { return answer(coverageBinary(v.coverage()), kBinary); });
-  view("/api/map", [](const Request& request, ModelView& v) {
+       [](const HttpRequest&, ModelView& v) { return answer(coverageBinary(v.coverage()), kBinary); });
+  view("/api/map", [](const HttpRequest& request, ModelView& v) {
     Response map = answer(mapBinary(v.store(), v.surface(), sinceOf(request), v.historyStart()), kBinary);
     map.headers.emplace_back("X-Epoch", epochOf(v));
     return map;
   });
-  view("/api/profile", [](const Request& request, ModelView& v) {
+  view("/api/profile", [](const HttpRequest& request, ModelView& v) {
     const auto line = lineOf(request);
     if (!line) return refusal(kBadRequest, "needs n0, e0, n1, e1: places in nav [m]");
     return answer(profileJson(v.surface(), (*line)[0], (*line)[1], (*line)[2], (*line)[3]), kJson);
@@ -97,22 +97,23 @@ void WebServer::Impl::addReads(web::Routes& routes) {
 
 void WebServer::Impl::addExports(web::Routes& routes) {
   for (const std::string_view name : kExportNames) {
-    const auto handler = [this, name](const Request&) {
+    const auto handler = [this, name](const HttpRequest&) {
       export_view.refresh(shared);
-      Export made = makeExport(export_view, name);
-      if (made.bytes.empty()) return refusal(kNotFound, "Not yet: " + made.why + ".");
-      Response file = answer(std::move(made.bytes), made.type);
-      file.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + std::string(name) + "\"");
-      return file;
+      Export file = makeExport(export_view, name);
+      if (file.bytes.empty()) return refusal(kNotFound, "Not yet: " + file.why + ".");
+      Response response = answer(std::move(file.bytes), file.type);
+      response.headers.emplace_back("Content-Disposition",
+                                    "attachment; filename=\"" + std::string(name) + "\"");
+      return response;
     };
     routes.get("/api/export/" + std::string(name), handler, web::Routes::Work::kLong);
   }
 }
 
 void WebServer::Impl::addPosts(web::Routes& routes) {
-  // parse(body, why) gives what is wanted, take(wanted) takes it or refuses.
+  // parse(body, why) returns the value, take(value) takes or refuses it.
   const auto post = [this, &routes](const char* path, auto parse, auto take) {
-    routes.post(path, [this, parse, take](const Request& request) {
+    routes.post(path, [this, parse, take](const HttpRequest& request) {
       std::string why;
       const auto wanted = parse(request.body, why);
       if (!wanted) return refusal(kBadRequest, why);
@@ -129,29 +130,30 @@ void WebServer::Impl::addPosts(web::Routes& routes) {
   });
   post("/api/fix", parseFix, [this, taken](const telemetry::UsblFixMessage& fix) {
     if (const std::string why = shared.whySilent(); !why.empty()) return refusal(kConflict, why);
-    if (!shared.model->tellFix(fix)) return refusal(kBadRequest, "the fix is out of bounds");
+    if (!shared.model->sendFix(fix)) return refusal(kBadRequest, "the fix is out of bounds");
     return taken();
   });
-  post("/api/playback", parsePlayback, [this, taken](const PlaybackWish& wish) {
+  post("/api/playback", parsePlayback, [this, taken](const PlaybackRequest& wanted) {
     if (!shared.playback) return refusal(kConflict, "this is a live link, not a recording");
-    if (shared.wishes.size() >= SharedModel::kMaxWishes) return refusal(kBusy, "too many wishes wait");
-    shared.wishes.push_back(wish);
+    if (shared.playback_requests.size() >= SharedModel::kMaxPlaybackRequests)
+      return refusal(kBusy, "too many requests wait");
+    shared.playback_requests.push_back(wanted);
     return taken();
   });
 }
 
-void WebServer::Impl::tellOfGrowth() {
+void WebServer::Impl::publishChanges() {
   const auto now = [this] {
     std::string text =
         R"({"epoch":")" + epochOf(shared) + R"(","version":)" + std::to_string(shared.model->version());
-    if (shared.playback) text += R"(,"at":)" + std::to_string(shared.playback->at_utc_ns / 1'000'000'000);
+    if (shared.playback) text += R"(,"at":)" + std::to_string(shared.playback->at_utc_ns / kSecond_ns);
     return text + "}";
   };
-  std::string told;
+  std::string published;
   std::unique_lock lock(shared.mutex);
   while (!closing) {
-    if (std::string text = now(); text != told) {
-      told = text;
+    if (std::string text = now(); text != published) {
+      published = text;
       lock.unlock();
       page->publish(std::move(text));
       lock.lock();
@@ -166,7 +168,7 @@ WebServer::Impl::~Impl() {
     closing = true;
   }
   shared.grew.notify_all();
-  if (teller.joinable()) teller.join();
+  if (publisher.joinable()) publisher.join();
 }
 
 WebServer::WebServer(SharedModel& shared, web::PageServerConfig config)
@@ -178,7 +180,7 @@ WebServer::WebServer(SharedModel& shared, web::PageServerConfig config)
   impl_->addPosts(routes);
   routes.events("/api/events");
   impl_->page.emplace(config, std::move(routes));
-  impl_->teller = std::thread([impl = impl_.get()] { impl->tellOfGrowth(); });
+  impl_->publisher = std::thread([impl = impl_.get()] { impl->publishChanges(); });
 }
 
 WebServer::~WebServer() = default;

@@ -9,12 +9,12 @@ namespace fathom::monitor {
 
 // Serves the page and the model over HTTP:
 //   /                     the page's files
-//   /api/state, /api/track, /api/history, /api/profile?n0=&e0=&n1=&e1=, /api/coverage    see reports.hpp
+//   /api/state, /api/track, /api/history, /api/profile?n0=&e0=&n1=&e1=, /api/coverage    see page_api.hpp
 //   /api/map?since=V      mapBinary
 //   /api/export/NAME      map.ply, elevation.tif, colour.tif, track.geojson
 //   /api/events           server-sent events, `data: {"epoch":E,"version":V}` after each change, at most 4 a
 //                         second
-//   POST /api/request, /api/fix, /api/playback     see page_requests.hpp
+//   POST /api/request, /api/fix, /api/playback     see page_api.hpp
 // No request holds the model's lock for longer than a copy takes (ModelView).
 class WebServer {
  public:

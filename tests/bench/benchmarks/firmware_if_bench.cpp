@@ -3,9 +3,9 @@
 #include <filesystem>
 #include <vector>
 
-#include "firmware_if/can/can_text.hpp"
-#include "firmware_if/can/n2k_decoder.hpp"
-#include "firmware_if/dvl/pd0_decoder.hpp"
+#include "firmware_if/devices/can/can_text.hpp"
+#include "firmware_if/devices/can/n2k_decoder.hpp"
+#include "firmware_if/devices/dvl/pd0_decoder.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace {

@@ -8,7 +8,7 @@
 
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "tests/fusion/scene.hpp"
+#include "tests/fusion/synthetic_footprint.hpp"
 
 namespace fathom::fusion {
 namespace {

@@ -88,7 +88,7 @@ void lightingCopy(benchmark::State& state) {
 void lightingAdd(benchmark::State& state, PixelFormat format, bool solve) {
   auto& model = learnt(format, fathom::lighting::LightingChoice::kAuto);
   const Scene scene = makeScene(11);
-  // Past the 64th image, one in 32 solves anew; up to it, every one does.
+  // Past the 64th image, one in 32 solves the models; up to it, every one does.
   if (!solve)
     while (model.images() < 4096) model.add(scene.view(format), scene.range);
   for (auto _ : state) {

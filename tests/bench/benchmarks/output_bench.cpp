@@ -6,14 +6,14 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "recon/topside/tiles/block_texture.hpp"
-#include "recon/topside/tiles/glb.hpp"
-#include "recon/topside/tiles/picture_codec.hpp"
+#include "recon/products/tiles/block_texture.hpp"
+#include "recon/products/tiles/glb.hpp"
+#include "recon/products/tiles/picture_codec.hpp"
 #include "tests/tiles/synthetic_model.hpp"
 
-// What a tile costs on its way to the disk: CPU time a megatexel, bits a texel and PSNR of every format, on a
-// real picture of the seafloor (or on another, such as an atlas: FATHOM_BENCH_PICTURE=FILE); BC1 beside
-// libsquish on the same texels.
+// Cost of writing a tile: CPU time a megatexel, bits a texel and PSNR of every format, on a real picture of
+// the seafloor (or on another, such as an atlas: FATHOM_BENCH_PICTURE=FILE); BC1 beside libsquish on the
+// same texels.
 namespace fathom::topside {
 namespace {
 
@@ -105,7 +105,7 @@ BENCHMARK_CAPTURE(outputSquish, cluster, squish::kColourClusterFit)->Unit(benchm
 
 // Draco: a tile of 1000 triangles a square metre.
 void outputSurface(benchmark::State& state) {
-  test::SyntheticModel model;
+  synthetic::SyntheticModel model;
   model.texels = 0;
   const TexturedTile tile = model.tile({0, 0, 0});
   GlbConfig config;

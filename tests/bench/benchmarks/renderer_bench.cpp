@@ -22,8 +22,8 @@ SE3 cameraInBody() {
   return {r, Eigen::Vector3d::Zero()};
 }
 
-const Terrain& reef() {
-  static const Terrain terrain([] {
+const SeaTerrain& reef() {
+  static const SeaTerrain terrain([] {
     TerrainConfig config;
     config.size_north_m = config.size_east_m = 8.0;
     config.corals.density_per_m2 = 0.3;
@@ -43,7 +43,7 @@ void renderImage(benchmark::State& state) {
 BENCHMARK(renderImage)->Arg(0)->Arg(1)->Unit(benchmark::kMillisecond);
 
 void renderEmbreeAlone(benchmark::State& state) {
-  const Terrain& terrain = reef();
+  const SeaTerrain& terrain = reef();
   const SE3 T_nav_cam = kPose * cameraInBody();
   const Eigen::Vector3d strobes[] = {kPose * Eigen::Vector3d(0.75, 0, 0),
                                      kPose * Eigen::Vector3d(-0.75, 0, 0)};

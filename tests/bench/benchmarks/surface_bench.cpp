@@ -1,8 +1,8 @@
 // Simplification of leaf tiles beside its peers on the same tile: OpenMesh's decimater with its quadric
 // module (borders locked, normals guarded) and meshoptimizer's simplifier (borders locked). Also what the
-// other steps of a tile cost: joining, atlas, texels, baking. Counters: error_mm, a bound of the distance
-// either way between the surfaces; tri_m2, triangles for a square metre; us_m2, microseconds for a square
-// metre.
+// other steps of a tile cost: joining, atlas, texels, baking. Counters: error_mm, a bound of the distance in
+// both directions between the surfaces; tri_m2, triangles for a square metre; us_m2, microseconds for a
+// square metre.
 #include <benchmark/benchmark.h>
 #include <meshoptimizer.h>
 
@@ -13,18 +13,25 @@
 #include <OpenMesh/Tools/Decimater/ModQuadricT.hh>
 
 #include "recon/surface/atlas.hpp"
+#include "recon/surface/bake.hpp"
 #include "recon/surface/simplify.hpp"
 #include "recon/surface/surface_error.hpp"
-#include "tests/bench/common/measures.hpp"
-#include "tests/surface/made_tiles.hpp"
+#include "tests/surface/synthetic_tiles.hpp"
 
 namespace fathom::surface {
 namespace {
 
-using bench::areaOf;
+double areaOf(const Mesh& mesh) {  // [m2]
+  double area = 0;
+  for (const auto& [a, b, c] : mesh.triangles)
+    area +=
+        0.5 * static_cast<double>(
+                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
+  return area;
+}
 
 const TileMesh& leaf() {
-  static const TileMesh tile = test::madeTile(test::noisyTerrain(0.005, 3), TileGrid{}, {0, 0, 0});
+  static const TileMesh tile = test::syntheticTile(test::noisyTerrain(0.005, 3), TileGrid{}, {0, 0, 0});
   return tile;
 }
 
@@ -130,8 +137,8 @@ const std::vector<TileMesh>& sixteen() {
     std::vector<TileMesh> out;
     for (int x = 0; x < 4; ++x)
       for (int y = 0; y < 4; ++y)
-        out.push_back(
-            simplify(test::madeTile(test::noisyTerrain(0.005, 3), TileGrid{}, {0, x, y}, 1.5, 2.5), 1000));
+        out.push_back(simplify(
+            test::syntheticTile(test::noisyTerrain(0.005, 3), TileGrid{}, {0, x, y}, 1.5, 2.5), 1000));
     return out;
   }();
   return tiles;

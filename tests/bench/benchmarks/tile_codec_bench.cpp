@@ -65,7 +65,7 @@ std::size_t peerBytes(const HeightTile& tile, int stride, const TileCodecConfig&
   return encoder.EncodeToBuffer(&buffer).ok() ? buffer.size() : 0;
 }
 
-// Arguments: stride, colour bits, share of the tile that is seen [%].
+// Arguments: stride, colour bits, share of the tile with data [%].
 void tileEncode(benchmark::State& state) {
   constexpr int kTiles = 40;
   const int stride = static_cast<int>(state.range(0));

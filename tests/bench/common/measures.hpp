@@ -1,15 +1,15 @@
 #pragma once
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <ctime>
 #include <utility>
 #include <vector>
 
-#include "recon/geometry/mesh.hpp"
-#include "recon/geometry/order_statistics.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 
 namespace fathom::bench {
+
+inline constexpr double kMiB = 1024.0 * 1024.0;  // [bytes]
 
 // A clock's time [ms]. The thread's own by default: other programs on the machine count little.
 [[nodiscard]] inline double cpuMs(clockid_t clock = CLOCK_THREAD_CPUTIME_ID) {
@@ -31,20 +31,11 @@ namespace fathom::bench {
   for (const double v : values) sum += v * v;
   return values.empty() ? 0 : std::sqrt(sum / static_cast<double>(values.size()));
 }
-// The value below which a share of them lies; 0 of none.
+// The quantile of a share of the values; 0 of none.
 [[nodiscard]] inline double quantile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
   const auto place = static_cast<std::size_t>(share * static_cast<double>(values.size() - 1));
   return ranked(std::move(values), place);
-}
-
-[[nodiscard]] inline double areaOf(const Mesh& mesh) {  // [m2]
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles)
-    area +=
-        0.5 * static_cast<double>(
-                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
-  return area;
 }
 
 }  // namespace fathom::bench

@@ -7,9 +7,8 @@
 
 namespace fathom::stereo {
 
-// The peer: what one writes with OpenCV. goodFeaturesToTrack with the Harris measure, calcOpticalFlowPyrLK
-// there (from the plane's seeds) and back, the same filters and triangulation. No triangles and no outlier
-// check.
+// The peer in OpenCV: goodFeaturesToTrack with the Harris measure, calcOpticalFlowPyrLK from left to right
+// (from the plane's seeds) and back, the same filters and triangulation. No triangles and no outlier check.
 class OpenCvStereo {
  public:
   explicit OpenCvStereo(const StereoRig& rig);

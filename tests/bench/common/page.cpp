@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/atomic_file.hpp"
+#include "realtime/base/files/atomic_file.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::bench {
 namespace {

@@ -31,15 +31,14 @@ struct Table {
   [[nodiscard]] std::string text() const;
 };
 
-// What a report found: printed, and written as an HTML page with its drawings and as JSON with the same
-// tables.
+// Results of a report: printed, and written as an HTML page with drawings and as JSON with the same tables.
 class Page {
  public:
   explicit Page(const std::string& title) : title_(title), report_(title, "") {}
 
   void add(Table table);
-  // What the HTML page alone has: words, plots, pictures.
-  [[nodiscard]] web::Report& report() { return report_; }
+  // The HTML page, for words, plots and pictures.
+  [[nodiscard]] web::ReportPage& report() { return report_; }
   // The tables, one after the other.
   [[nodiscard]] std::string text() const;
   // An array of the tables, each an array of objects by the names of its columns.
@@ -49,7 +48,7 @@ class Page {
 
  private:
   std::string title_;
-  web::Report report_;
+  web::ReportPage report_;
   std::vector<Table> tables_;
 };
 

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/lighting/rig_ranges.hpp"
 #include "sim/scenario/scenario_file.hpp"
@@ -16,7 +16,7 @@ constexpr double kNearest = 0.5;       // that a seafloor is taken to be [m]
 constexpr double kBeamAngle = 0.5236;  // of a DVL's beams off its axis [rad]: 30 deg
 
 // Depth of the seafloor by the four beams of a DVL [m].
-std::optional<double> bottomOfDvl(const SE3& T_nav_dvl, const sim::Terrain& terrain) {
+std::optional<double> bottomOfDvl(const SE3& T_nav_dvl, const sim::SeaTerrain& terrain) {
   double sum = 0;
   int beams = 0;
   for (int k = 0; k < 4; ++k) {
@@ -108,21 +108,6 @@ std::optional<Eigen::Vector3d> TrueMission::pointAt(std::size_t pair, const Eige
   const auto distance = terrain_.castRay(T_nav_cam.translation(), T_nav_cam.rotation() * ray);
   if (!distance) return std::nullopt;
   return ray.normalized() * *distance;
-}
-
-std::optional<Eigen::Vector2d> TrueMission::pixelOf(std::size_t pair, std::size_t of_pair,
-                                                    const Eigen::Vector3d& point) const {
-  constexpr double kHidden = 0.02;  // a point is seen if nothing is so much nearer [m]
-  constexpr double kInFront = 0.1;  // [m]
-  const Eigen::Vector3d here = pairs_.at(pair).T_nav_cam.inverse() * pairs_.at(of_pair).T_nav_cam * point;
-  if (here.z() <= kInFront) return std::nullopt;
-  // Beyond the image the distortion's polynomial folds back: ask first whether the pixel's ray leads there.
-  const Eigen::Vector2d pixel = rig_.left.project(here);
-  if (!rig_.left.contains(pixel)) return std::nullopt;
-  if ((rig_.left.ray(pixel).head<2>() - here.head<2>() / here.z()).norm() > 1e-3) return std::nullopt;
-  const auto seen = pointAt(pair, pixel);
-  if (!seen || (*seen - here).norm() > kHidden) return std::nullopt;
-  return pixel;
 }
 
 }  // namespace fathom::bench

@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/feature_file.hpp"
-#include "firmware_if/files/images/mission_images.hpp"
+#include "firmware_if/mission/feature_file.hpp"
+#include "firmware_if/mission/images/mission_images.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "sim/scenario/scenario.hpp"
-#include "sim/sea/terrain.hpp"
+#include "sim/sea/sea_terrain.hpp"
 
 namespace fathom::bench {
 
@@ -36,23 +36,19 @@ class TrueMission {
   };
   [[nodiscard]] const std::vector<Pair>& pairs() const { return pairs_; }
   [[nodiscard]] const StereoRig& rig() const { return rig_; }
-  [[nodiscard]] const io::MissionConfig& config() const { return config_; }
   [[nodiscard]] bool featuresOnly() const { return features_only_; }
   [[nodiscard]] io::ImageFile image(std::size_t pair, CameraSide side) const;
   [[nodiscard]] StereoFeatureFrame features(std::size_t pair) const;
 
-  // Both images in 8-bit grey, lighting corrected by what all images of the mission teach, which the first
+  // Both images in 8-bit grey, lighting corrected by models of all images of the mission, which the first
   // call learns.
   struct Images {
     cv::Mat left, right;
   };
   [[nodiscard]] Images corrected(std::size_t pair) const;
 
-  // What a distorted left pixel truly sees, in the left camera's frame [m]; nothing beside the seafloor.
+  // The true point of a distorted left pixel, in the left camera's frame [m]; nothing beside the seafloor.
   [[nodiscard]] std::optional<Eigen::Vector3d> pointAt(std::size_t pair, const Eigen::Vector2d& pixel) const;
-  // The left pixel of such a point of another pair, if this one sees it and nothing is before it.
-  [[nodiscard]] std::optional<Eigen::Vector2d> pixelOf(std::size_t pair, std::size_t of_pair,
-                                                       const Eigen::Vector3d& point) const;
 
  private:
   struct Light;
@@ -62,7 +58,7 @@ class TrueMission {
   StereoRig rig_;
   io::MissionImages images_;
   sim::Scenario scenario_;
-  sim::Terrain terrain_;
+  sim::SeaTerrain terrain_;
   bool features_only_;
   std::vector<Pair> pairs_;
   mutable std::unique_ptr<Light> light_;

@@ -5,11 +5,12 @@
 #include <cstdio>
 #include <optional>
 
-#include "firmware_if/log/onboard_input.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "tests/bench/common/page.hpp"
@@ -20,9 +21,8 @@ namespace fathom::bench {
 namespace {
 
 constexpr double kKib = 1024.0;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
-struct Options {
+struct EnduranceOptions {
   std::filesystem::path mission, config, out = "endurance";
   std::uint64_t frames = 36'000;
   std::size_t pairs = 300;
@@ -41,44 +41,15 @@ Memory memoryNow() {
   return {rt::exactResidentBytes(), figures.resident_private, figures.resident_files};
 }
 
-int report(const Options& options) {
-  (void)rt::HeapReserve::takeOverAllocator();
-  std::filesystem::create_directories(options.out);
-  for (const char* name : {"mission.toml", "stereo.calib"})
-    std::filesystem::copy_file(options.mission / name, options.out / name,
-                               std::filesystem::copy_options::overwrite_existing);
-  const io::MissionConfig mission = io::readMissionConfig(options.out);
-  const StereoRig rig = readStereoCalib(io::MissionPaths(options.out).calib());
-  onboard::OnboardConfig config = onboard::readOnboardConfig(
-      options.config.empty() ? std::nullopt : std::optional(options.config), mission);
-  config.live.realtime.soft = options.soft;
-  // The libraries of the other reports are resident too; the vehicle's program has none of them.
-  config.live.memory.budget_bytes += std::size_t{256} << 20;
-  (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
+struct Samples {
+  Table table;
+  std::size_t highest = 0;  // resident [bytes]
+};
 
-  std::uint64_t damaged = 0;
-  const test::Shuttle shuttle(io::readOnboardInputs(options.mission, damaged), options.pairs);
-  if (shuttle.stepsOfLeg() == 0 || shuttle.images(CameraSide::kLeft).empty())
-    throw InputError(options.mission.string(), "", "holds no stereo pairs");
-  rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs(), options.rate);
-  constexpr std::int64_t kSetUpNs = 20 * kNsPerSecond;  // of the machine's time, before the first sample
-  const std::int64_t begin =
-      clock.utcNs() + static_cast<std::int64_t>(static_cast<double>(kSetUpNs) * options.rate);
-  std::atomic<std::uint64_t> given{0};
-  const test::PlayedShuttle played(shuttle, begin);
-  test::PlayedOptions play;
-  play.exposures = options.frames;
-  play.given_left = &given;
-  play.scratch = options.out;
-  onboard::LiveSystem live({options.out, config, mission, rig, test::onboardProgram(),
-                            options.config.empty() ? std::nullopt : std::optional(options.config)},
-                           test::playedDevices(played, options.mission, mission, rig, clock, play), clock);
-  const rt::ArmingResult armed = live.arm();
-  std::fputs(live.budget().table(false).c_str(), stdout);
-  std::fputs(armed.complete() ? armed.table().c_str() : armed.message().c_str(), stdout);
-  if (!armed.armed()) return kExitFailedWork;
-
-  const Memory first = memoryNow();
+// Samples the memory 36 times while the mission is played.
+Samples sampleMemory(onboard::LiveSystem& live, const rt::VehicleClock& clock,
+                     const EnduranceOptions& options, const std::atomic<std::uint64_t>& given,
+                     const Memory& first) {
   Table samples{
       "Resident set",
       {{"pairs", 0}, {"KiB", 0}, {"since arming", 0}, {"own", 0}, {"files", 0}, {"heap overflow [B]", 0}},
@@ -101,10 +72,52 @@ int report(const Options& options) {
       std::fflush(stdout);
       next_sample = now + std::max<std::uint64_t>(options.frames / 36, 1);
     }
-    constexpr std::int64_t kLookNs = kNsPerSecond / 5;
+    constexpr std::int64_t kLookNs = kSecond_ns / 5;
     clock.sleepUntil(clock.monotonicNs() +
                      static_cast<std::int64_t>(static_cast<double>(kLookNs) * options.rate));
   }
+  return {std::move(samples), highest};
+}
+
+int reportEndurance(const EnduranceOptions& options) {
+  (void)rt::HeapReserve::takeOverAllocator();
+  std::filesystem::create_directories(options.out);
+  for (const char* name : {"mission.toml", "stereo.calib"})
+    std::filesystem::copy_file(options.mission / name, options.out / name,
+                               std::filesystem::copy_options::overwrite_existing);
+  const io::MissionConfig mission = io::readMissionConfig(options.out);
+  const StereoRig rig = readStereoCalib(io::MissionPaths(options.out).calib());
+  onboard::OnboardConfig config = onboard::readOnboardConfig(
+      options.config.empty() ? std::nullopt : std::optional(options.config), mission);
+  config.live.realtime.soft = options.soft;
+  // The libraries of the other reports are resident too; the vehicle's program has none of them.
+  config.live.memory.budget_bytes += std::size_t{256} << 20;
+  (void)rt::setLibraryStackBytes(config.live.realtime.library_stack_bytes);
+
+  std::uint64_t damaged = 0;
+  const test::Shuttle shuttle(io::readOnboardInputs(options.mission, damaged), options.pairs);
+  if (shuttle.stepsOfLeg() == 0 || shuttle.images(CameraSide::kLeft).empty())
+    throw InputError(options.mission.string(), "", "holds no stereo pairs");
+  rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs(), options.rate);
+  constexpr std::int64_t kSetUpNs = 20 * kSecond_ns;  // of the machine's time, before the first sample
+  const std::int64_t begin =
+      clock.utcNs() + static_cast<std::int64_t>(static_cast<double>(kSetUpNs) * options.rate);
+  std::atomic<std::uint64_t> given{0};
+  const test::PlayedShuttle played(shuttle, begin);
+  test::PlayedOptions play;
+  play.exposures = options.frames;
+  play.given_left = &given;
+  play.scratch = options.out;
+  onboard::LiveSystem live({options.out, config, mission, rig, test::onboardProgram(),
+                            options.config.empty() ? std::nullopt : std::optional(options.config)},
+                           test::playedDevices(played, options.mission, mission, rig, clock, play), clock);
+  const rt::ArmingResult armed = live.arm();
+  std::fputs(live.budget().table(false).c_str(), stdout);
+  std::fputs(armed.complete() ? armed.table().c_str() : armed.message().c_str(), stdout);
+  if (!armed.armed()) return kExitFailedWork;
+
+  const Memory first = memoryNow();
+  Samples samples = sampleMemory(live, clock, options, given, first);
   const Memory last = memoryNow();
   const rt::ThreadCost cost = live.hardCost();
   const onboard::LiveSystem::End end = live.end(config.live.end_within_s * options.rate);
@@ -113,7 +126,7 @@ int report(const Options& options) {
   (void)live.mapper().up().state.read(map);
   const double growth = static_cast<double>(last.resident) - static_cast<double>(first.resident);
   Page page("Endurance of " + options.mission.string());
-  page.add(std::move(samples));
+  page.add(std::move(samples.table));
   page.add({"",
             {{"pairs", 0},
              {"mapped", 0},
@@ -126,8 +139,9 @@ int report(const Options& options) {
              {"minor faults", 0},
              {"major faults", 0}},
             {{cell(given.load()), cell(map.pairs), options.rate, cell(!armed.complete()),
-              static_cast<double>(first.resident) / kKib / kKib, static_cast<double>(highest) / kKib / kKib,
-              growth / kKib, cell(cost.heap_calls), cell(cost.minor_faults), cell(cost.major_faults)}}});
+              static_cast<double>(first.resident) / kKib / kKib,
+              static_cast<double>(samples.highest) / kKib / kKib, growth / kKib, cell(cost.heap_calls),
+              cell(cost.minor_faults), cell(cost.major_faults)}}});
   std::printf("%s%s", page.text().c_str(), live.budget().table(true).c_str());
   page.write(options.out, "endurance");
   return kExitSuccess;
@@ -136,17 +150,17 @@ int report(const Options& options) {
 }  // namespace
 
 test::Report enduranceReport() {
-  static Options o;
+  static EnduranceOptions o;
   return {"endurance",
           "The live program over a long mission made of a short one, flown forward and back",
           {required({"mission", &o.mission, "mission folder with images"}),
            {"--config", &o.config, "onboard.toml"},
            {"--frames", &o.frames, "stereo pairs in all"},
-           {"--pairs", &o.pairs, "stereo pairs of one way", 2, 100000},
+           {"--pairs", &o.pairs, "stereo pairs of one pass", 2, 100000},
            {"--rate", &o.rate, "times as fast as the mission", 0.1, 100},
-           {"--soft", &o.soft, "go on without privileges"},
+           {"--soft", &o.soft, "continue without privileges"},
            {"--out", &o.out, "folder for the recording, endurance.html and endurance.json"}},
-          [] { return report(o); }};
+          [] { return reportEndurance(o); }};
 }
 
 }  // namespace fathom::bench

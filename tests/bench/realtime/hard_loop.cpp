@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "realtime/kernel/periodic_loop.hpp"
+#include "realtime/kernel/time/periodic_loop.hpp"
 
 namespace fathom::bench {
 namespace {
@@ -64,7 +64,7 @@ void HardLoop::loop(std::int64_t until_ns, Result& result) {
   });
   result.cost = rt::threadCost() - before;
   result.cycles = periodic.statistics().cycles;
-  result.slipped = periodic.statistics().slipped_cycles;
+  result.late_cycles = periodic.statistics().skipped_cycles;
   result.max_body_ns = periodic.statistics().max_body_ns;
 }
 

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/heap_counter.hpp"
-#include "realtime/kernel/tiers/realtime_config.hpp"
-#include "realtime/kernel/tiers/rt_thread.hpp"
-#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
+#include "realtime/onboard/live/devices/input_sequencer.hpp"
 #include "realtime/onboard/nav/nav_feed.hpp"
 #include "tests/support/latency_histogram.hpp"
 
@@ -22,7 +22,7 @@ class HardLoop {
   struct Result {
     test::LatencyHistogram latency;
     rt::ThreadCost cost;  // of the loop's thread, from its first cycle to its last
-    std::uint64_t cycles = 0, slipped = 0, samples = 0;
+    std::uint64_t cycles = 0, late_cycles = 0, samples = 0;
     std::int64_t max_body_ns = 0;
   };
 

@@ -11,10 +11,10 @@
 #include <memory>
 #include <stdexcept>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
-#include "realtime/kernel/tiers/arming.hpp"
-#include "realtime/kernel/tiers/cpu_wake_limit.hpp"
+#include "realtime/kernel/threads/arming.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "tests/bench/common/page.hpp"
 #include "tests/bench/realtime/hard_loop.hpp"
@@ -27,13 +27,12 @@ namespace {
 using sim::ChildProcess;
 using test::LatencyHistogram;
 
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 constexpr std::size_t kMib = std::size_t{1} << 20;
 // Both end by themselves when the report is gone.
 const char* const kHog = "while kill -0 $PPID; do i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done; done";
 const char* const kOverAndOver = "while kill -0 $PPID; do ";
 
-struct Options {
+struct RealtimeOptions {
   int turns = 15;
   int turn_seconds = 60;
   int priority = 80;
@@ -56,7 +55,7 @@ struct Series {
   }
 };
 
-LatencyHistogram runCyclictest(const Options& options) {
+LatencyHistogram runCyclictest(const RealtimeOptions& options) {
   const std::filesystem::path file = options.out / "cyclictest.txt";
   std::vector<std::string> arguments{"cyclictest",
                                      "--quiet",
@@ -107,7 +106,7 @@ Table turnsTable(const std::vector<Series>& both) {
 
 // The share of wake-ups that were later than a time; and each turn's p99.9 (dot) and maximum (bar) in the
 // order in which they ran.
-void addPlots(const std::vector<Series>& both, web::Report& report) {
+void addPlots(const std::vector<Series>& both, web::ReportPage& report) {
   web::Plot shares{.title = "Wake-ups",
                    .x = "wake-up latency [us]",
                    .y = "share of wake-ups later than that",
@@ -155,7 +154,7 @@ std::string machine() {
          std::to_string(::sysconf(_SC_NPROCESSORS_ONLN)) + " CPUs";
 }
 
-int report(const Options& options) {
+int reportRealtime(const RealtimeOptions& options) {
   rt::HeapReserve::takeOverAllocator();
   std::filesystem::create_directories(options.out);
   rt::RealtimeConfig config;
@@ -182,15 +181,15 @@ int report(const Options& options) {
 
   std::vector<Series> both{{"fathom's loop", {}}, {"cyclictest", {}}};
   rt::ThreadCost cost;
-  std::uint64_t slipped = 0, samples = 0;
+  std::uint64_t late_cycles = 0, samples = 0;
   std::int64_t max_body_ns = 0;
   for (int turn = 0; turn < options.turns; ++turn) {
-    const HardLoop::Result result = loop.run(options.turn_seconds * kNsPerSecond);
+    const HardLoop::Result result = loop.run(options.turn_seconds * kSecond_ns);
     both[0].turns.push_back(result.latency);
     cost.heap_calls += result.cost.heap_calls;
     cost.minor_faults += result.cost.minor_faults;
     cost.major_faults += result.cost.major_faults;
-    slipped += result.slipped;
+    late_cycles += result.late_cycles;
     samples += result.samples;
     max_body_ns = std::max(max_body_ns, result.max_body_ns);
     both[1].turns.push_back(runCyclictest(options));
@@ -217,7 +216,7 @@ int report(const Options& options) {
              {"slipped", 0},
              {"samples", 0},
              {"longest body [us]", 1}},
-            {{cell(cost.heap_calls), cell(cost.minor_faults), cell(cost.major_faults), cell(slipped),
+            {{cell(cost.heap_calls), cell(cost.minor_faults), cell(cost.major_faults), cell(late_cycles),
               cell(samples), static_cast<double>(max_body_ns) / 1000}}});
   page.add({"Conditions",
             {{"machine", 0}, {"turn [s]", 0}, {"CPU", 0}, {"wake limit [us]", 0}, {"held", 0}, {"soft", 0}},
@@ -233,7 +232,7 @@ int report(const Options& options) {
 }  // namespace
 
 test::Report realtimeReport() {
-  static Options o;
+  static RealtimeOptions o;
   return {"realtime",
           "Wake-up latency of the hard tier's 100 Hz loop against cyclictest's, turn by turn",
           {{"--minutes", &o.turns, "turns of each", 1, 1000},
@@ -243,9 +242,9 @@ test::Report realtimeReport() {
            {"--hogs", &o.hogs, "shells that do nothing but run", 0, 64},
            {"--load-command", &o.load, "run beside, over and over"},
            {"--cpu-wake-us", &o.cpu_wake_us, "limit on the CPUs' wake-up while the loop's program runs"},
-           {"--soft", &o.soft, "go on without privileges"},
+           {"--soft", &o.soft, "continue without privileges"},
            {"--out", &o.out, "folder for realtime.html and realtime.json"}},
-          [] { return report(o); }};
+          [] { return reportRealtime(o); }};
 }
 
 }  // namespace fathom::bench

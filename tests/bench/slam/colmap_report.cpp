@@ -8,9 +8,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <sstream>
 
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/text.hpp"
-#include "recon/geometry/rigid_alignment.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/text.hpp"
+#include "recon/geometry/se3.hpp"
 #include "recon/topside/dive.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 #include "tests/bench/common/measures.hpp"
@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct ColmapOptions {
   fs::path mission, out = "colmap-report";
   std::size_t pairs = 0;
   int overlap = 20;
@@ -107,7 +107,7 @@ Places readImages(const fs::path& file) {
   return places;
 }
 
-Result byColmap(const Options& o, const StereoRig& rig, std::size_t pairs, const fs::path& images,
+Result byColmap(const ColmapOptions& o, const StereoRig& rig, std::size_t pairs, const fs::path& images,
                 const fs::path& folder) {
   if (std::system("colmap help > /dev/null 2>&1") != 0)
     throw InputError("colmap", "", "is not installed; apt-get install colmap");
@@ -168,7 +168,7 @@ std::vector<double> errorsOf(const Places& places, const TrueMission& truth, boo
   return errors;
 }
 
-int run(const Options& o) {
+int runColmap(const ColmapOptions& o) {
   const TrueMission mission(o.mission);
   const std::size_t all = mission.pairs().size(), pairs = o.pairs == 0 ? all : std::min(o.pairs, all);
   if (fs::exists(o.out)) throw InputError(o.out.string(), "", "is there already; give another --out");
@@ -213,7 +213,7 @@ int run(const Options& o) {
 }  // namespace
 
 test::Report colmapReport() {
-  static Options o;
+  static ColmapOptions o;
   return {"colmap",
           "Poses from images alone: time and error beside COLMAP's, which must be installed",
           {required({"mission", &o.mission, "simulated mission with images"}),
@@ -221,7 +221,7 @@ test::Report colmapReport() {
            {"--pairs", &o.pairs, "the first so many (all)", 3, 1e6},
            {"--overlap", &o.overlap, "images after each that COLMAP compares with it", 1, 1000},
            {"--exhaustive", &o.exhaustive, "COLMAP compares all images with all"}},
-          [] { return run(o); }};
+          [] { return runColmap(o); }};
 }
 
 }  // namespace fathom::bench

@@ -1,26 +1,159 @@
 // Report on the incremental solver: pose graphs given pose by pose, each step timed.
+#include <ceres/ceres.h>
 #include <unistd.h>
-
+#include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <string>
 #include <vector>
 
-#include "realtime/kernel/heap_counter.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "recon/slam/batch_solver.hpp"
-#include "recon/slam/g2o_file.hpp"
-#include "recon/slam/incremental_solver.hpp"
-#include "recon/slam/pose_replay.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
+#include "recon/solver/batch/batch_solver.hpp"
+#include "recon/solver/batch/g2o_file.hpp"
+#include "recon/solver/incremental/incremental_solver.hpp"
+#include "recon/solver/incremental/pose_replay.hpp"
+#include "recon/solver/pose_graph.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
-#include "tests/bench/slam/ceres_peer.hpp"
-#include "tests/slam/survey_graph.hpp"
+#include "tests/solver/survey_graph.hpp"
 
 namespace fathom::bench {
 namespace {
+
+constexpr int kNumbers = 7, kTangent = 6;  // translation, quaternion x y z w
+using Pose = std::array<double, kNumbers>;
+
+SE3 poseOf(const double* x) {
+  return {Eigen::Quaterniond(x[6], x[3], x[4], x[5]), {x[0], x[1], x[2]}};
+}
+
+void write(const SE3& pose, double* x) {
+  Eigen::Map<Eigen::Vector3d>{x} = pose.translation();
+  Eigen::Map<Eigen::Vector4d>{x + 3} = pose.rotation().coeffs();
+}
+
+// Right perturbations (rho, phi). Residuals give their derivatives by these in the first six columns, so that
+// the chain rule through the seven numbers costs nothing.
+class RightPerturbation : public ceres::Manifold {
+ public:
+  int AmbientSize() const override { return kNumbers; }
+  int TangentSize() const override { return kTangent; }
+  bool Plus(const double* x, const double* delta, double* result) const override {
+    write(perturbed(poseOf(x), Eigen::Map<const Vector6d>(delta)), result);
+    return true;
+  }
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, kNumbers, kTangent, Eigen::RowMajor>>{jacobian}.setIdentity();
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* y_minus_x) const override {
+    Eigen::Map<Vector6d>{y_minus_x} = (poseOf(x).inverse() * poseOf(y)).log();
+    return true;
+  }
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, kTangent, kNumbers, Eigen::RowMajor>>{jacobian}.setIdentity();
+    return true;
+  }
+};
+
+class Edge : public ceres::SizedCostFunction<6, kNumbers, kNumbers> {
+ public:
+  explicit Edge(const slam::RelativePose& edge)
+      : edge_(edge), root_(edge.information.llt().matrixL().transpose()) {}
+  bool Evaluate(const double* const* x, double* residual, double** jacobians) const override {
+    const SE3 from = poseOf(x[0]), to = poseOf(x[1]);
+    Eigen::Map<Vector6d> e(residual);
+    if (jacobians == nullptr) {
+      e = root_ * slam::relativePoseError(edge_, from, to);
+      return true;
+    }
+    const slam::RelativePoseLinear l = slam::linearize(edge_, from, to);
+    e = root_ * l.error;
+    for (int end = 0; end < 2; ++end) {
+      if (jacobians[end] == nullptr) continue;
+      Eigen::Map<Eigen::Matrix<double, 6, kNumbers, Eigen::RowMajor>> j(jacobians[end]);
+      j.leftCols<kTangent>() = root_ * (end == 0 ? l.by_from : l.by_to);
+      j.col(kNumbers - 1).setZero();
+    }
+    return true;
+  }
+
+ private:
+  slam::RelativePose edge_;
+  Matrix6d root_;
+};
+
+CeresOutcome solve(const slam::PoseGraph& graph, ceres::TrustRegionStrategyType strategy, double radius,
+                   std::vector<Pose>& x) {
+  x.resize(graph.poses.size());
+  for (std::size_t i = 0; i < x.size(); ++i) write(graph.poses[i], x[i].data());
+  ceres::Problem problem;
+  for (Pose& pose : x) problem.AddParameterBlock(pose.data(), kNumbers, new RightPerturbation);
+  problem.SetParameterBlockConstant(x.front().data());
+  for (const slam::RelativePose& e : graph.edges)
+    problem.AddResidualBlock(new Edge(e), nullptr, x[static_cast<std::size_t>(e.from)].data(),
+                             x[static_cast<std::size_t>(e.to)].data());
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.sparse_linear_algebra_library_type = ceres::SUITE_SPARSE;
+  options.trust_region_strategy_type = strategy;
+  options.initial_trust_region_radius = radius;
+  options.max_trust_region_radius = std::max(options.max_trust_region_radius, radius);
+  options.num_threads = 1;
+  options.max_num_iterations = 200;
+  options.function_tolerance = 1e-9;  // as ours
+  options.gradient_tolerance = options.parameter_tolerance = 0;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  const double start = cpuMs();
+  ceres::Solve(options, &problem, &summary);
+  CeresOutcome outcome;
+  outcome.seconds = 1e-3 * (cpuMs() - start);
+  outcome.chi2 = 2 * summary.final_cost;
+  outcome.iterations = static_cast<int>(summary.iterations.size()) - 1;
+  outcome.options = std::string(strategy == ceres::DOGLEG ? "dogleg" : "Levenberg-Marquardt") + ", radius " +
+                    std::to_string(static_cast<long long>(radius));
+  return outcome;
+}
+
+CeresOutcome solveByCeres(slam::PoseGraph& graph) {
+  constexpr double kUsual = 1e4, kWide = 1e12, kEqual = 1 + 1e-5;
+  std::vector<CeresOutcome> outcomes;
+  std::vector<std::vector<Pose>> solutions;
+  for (const auto strategy : {ceres::LEVENBERG_MARQUARDT, ceres::DOGLEG}) {
+    for (const double radius : {kUsual, kWide}) {
+      solutions.emplace_back();
+      outcomes.push_back(solve(graph, strategy, radius, solutions.back()));
+    }
+  }
+  double least = outcomes.front().chi2;
+  for (const CeresOutcome& o : outcomes) least = std::min(least, o.chi2);
+  std::size_t best = outcomes.size();
+  for (std::size_t i = 0; i < outcomes.size(); ++i)
+    if (outcomes[i].chi2 <= kEqual * least &&
+        (best == outcomes.size() || outcomes[i].seconds < outcomes[best].seconds))
+      best = i;
+  for (std::size_t i = 0; i < graph.poses.size(); ++i) graph.poses[i] = poseOf(solutions[best][i].data());
+  outcomes[best].usual_seconds = outcomes.front().seconds;
+  return outcomes[best];
+}
+
+struct CeresOutcome {
+  double seconds = 0;  // of ceres::Solve alone, thread time
+  double chi2 = 0;
+  int iterations = 0;
+  std::string options;
+  double usual_seconds = 0;  // with Ceres' default trust region instead
+};
+
+// The same graph by Ceres from the graph's poses, which become the solution: sparse normal Cholesky by
+// SuiteSparse, analytic derivatives in the tangent space, one thread; the quickest of its trust region
+// methods among those that reach the least chi2.
+[[nodiscard]] CeresOutcome solveByCeres(slam::PoseGraph& graph);
 
 // One graph given pose by pose.
 struct StepTimes {
@@ -94,7 +227,7 @@ void print(const std::string& name, const StepTimes& times, const slam::Incremen
               static_cast<double>(times.sum.build_work) / steps);
 }
 
-void report(const std::string& name, slam::PoseGraph graph, std::int64_t blocks) {
+void reportSteps(const std::string& name, slam::PoseGraph graph, std::int64_t blocks) {
   const auto closures =
       static_cast<int>(std::count_if(graph.edges.begin(), graph.edges.end(), [](const slam::RelativePose& e) {
         return e.from != slam::kWorld && std::abs(e.to - e.from) > 1;
@@ -108,9 +241,9 @@ void report(const std::string& name, slam::PoseGraph graph, std::int64_t blocks)
   print(name, timeSteps(graph, solver), solver);
 }
 
-// The whole graph at once, ours and Ceres in turns on one thread, timed by its own clock; each
-// the best of some runs. From the same poses: those of
-// the file, where ours tries a chordal start as well, and the chordal ones.
+// The whole graph at once, ours and Ceres in turns on one thread, timed by its own clock; each the best of
+// some runs. From the same poses: those of the file, where ours tries a chordal start as well, and the
+// chordal ones.
 void compareWithCeres(const std::string& name, const slam::PoseGraph& graph) {
   constexpr int kRuns = 3;
   slam::PoseGraph chordal = graph;
@@ -137,17 +270,17 @@ void compareWithCeres(const std::string& name, const slam::PoseGraph& graph) {
   }
 }
 
-struct Options {
+struct SlamOptions {
   std::vector<std::string> graphs;
   test::SurveyPlan plan;
   bool survey = false, anywhere = false, ceres = false;
   std::int64_t blocks = 0;
 };
 
-int run(Options o) {
+int runSlam(SlamOptions o) {
   if (o.survey) {
     if (o.anywhere) o.plan.where = test::Closures::kAnywhere;
-    report("survey", test::makeSurvey(o.plan).graph, o.blocks);
+    reportSteps("survey", test::makeSurvey(o.plan).graph, o.blocks);
     return kExitSuccess;
   }
   if (o.graphs.empty())
@@ -159,7 +292,7 @@ int run(Options o) {
       compareWithCeres(name, slam::readG2o(file));
       continue;
     }
-    report(name, slam::readG2o(file), o.blocks);
+    reportSteps(name, slam::readG2o(file), o.blocks);
   }
   return kExitSuccess;
 }
@@ -167,12 +300,12 @@ int run(Options o) {
 }  // namespace
 
 test::Report slamReport() {
-  static Options o;
+  static SlamOptions o;
   return {"slam",
           "Times of the incremental solver, a pose graph given pose by pose",
           {
               {"graphs", &o.graphs, "g2o files; without any, the three graphs that the tests use"},
-              {"--survey", &o.survey, "a made-up survey instead"},
+              {"--survey", &o.survey, "a synthetic survey instead"},
               {"--keyframes", &o.plan.keyframes, "of the survey"},
               {"--closures", &o.plan.closures, "of the survey"},
               {"--anywhere", &o.anywhere, "closures join any two keyframes"},
@@ -180,7 +313,7 @@ test::Report slamReport() {
               {"--blocks", &o.blocks, "room of a factor; without it by IncrementalConfig::blocksFor"},
               {"--ceres", &o.ceres, "the whole graph at once instead, ours against Ceres"},
           },
-          [] { return run(o); }};
+          [] { return runSlam(o); }};
 }
 
 }  // namespace fathom::bench

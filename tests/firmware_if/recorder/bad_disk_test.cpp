@@ -13,7 +13,7 @@ using ::testing::HasSubstr;
 
 class BadDiskTest : public ::testing::Test {
  protected:
-  // "dd" of 64 KiB in pieces of 4 KiB, made durable, under the bad disk.
+  // "dd" of 64 KiB in pieces of 4 KiB, synced, under the bad disk.
   Outcome copy(const std::filesystem::path& from, const std::filesystem::path& to) {
     return run("dd bs=4096 count=16 conv=fsync if=" + from.string() + " of=" + to.string());
   }
@@ -28,7 +28,7 @@ class BadDiskTest : public ::testing::Test {
   BadDisk disk_{(std::filesystem::create_directory(folder_), folder_)};
 };
 
-TEST_F(BadDiskTest, TouchesNothingUntilItIsToldAndNothingElsewhere) {
+TEST_F(BadDiskTest, TouchesNothingUntilItIsSetAndNothingElsewhere) {
   EXPECT_EQ(copy("/dev/zero", file_).exit_code, 0);
   EXPECT_EQ(std::filesystem::file_size(file_), 65536u);
   const auto rule = disk_.set({.fault = DiskFault::kInputOutput});
@@ -36,7 +36,7 @@ TEST_F(BadDiskTest, TouchesNothingUntilItIsToldAndNothingElsewhere) {
   EXPECT_EQ(disk_.hits(rule), 0u);
 }
 
-TEST_F(BadDiskTest, SpoilsTheCallsOfAChildAsLongAsItIsTold) {
+TEST_F(BadDiskTest, SpoilsTheCallsOfAChildAsLongAsItIsSet) {
   struct Case {
     BadDisk::Order order;
     const char* error;

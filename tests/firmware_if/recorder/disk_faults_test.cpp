@@ -1,14 +1,15 @@
-// The recorder on a disk that refuses, at its start, on the way, and at its end.
+// The recorder on a disk that refuses at its start, during the dive, and at its end.
 #include <gmock/gmock.h>
 
 #include <chrono>
 #include <thread>
 
-#include "firmware_if/log/log_inputs.hpp"
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/bad_disk.hpp"
+#include "tests/support/recording_gaps.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
@@ -59,8 +60,8 @@ class DiskFaults : public ::testing::Test {
     EXPECT_EQ(found.inputs, inputs);
     EXPECT_EQ(found.skipped, 0u);
     EXPECT_EQ(found.images_lost, r.counters().images_dropped_disk);
-    EXPECT_EQ(readGaps(folder_).images, found.images_lost);
-    EXPECT_EQ(readGaps(folder_).inputs, 0u);
+    EXPECT_EQ(test::readGaps(folder_).images, found.images_lost);
+    EXPECT_EQ(test::readGaps(folder_).inputs, 0u);
     EXPECT_EQ(r.counters().images_dropped_queue, 0u);
     LogInputReader log(folder_);
     LogInputReader::Entry entry;
@@ -180,7 +181,7 @@ TEST_F(DiskFaults, TheLogSaysHowManyInputsFoundNoRoomBeforeItCouldBeOpened) {
   EXPECT_TRUE(r->offerInput({kFrom + 5000, Tick{}}));
   EXPECT_TRUE(r->close(30).log_whole);
   EXPECT_EQ(r->counters().safe_position, 5201u);
-  EXPECT_EQ(readGaps(folder_).inputs, refused);
+  EXPECT_EQ(test::readGaps(folder_).inputs, refused);
 
   LogInputReader log(folder_);
   LogInputReader::Entry entry;
@@ -195,16 +196,16 @@ TEST_F(DiskFaults, TheLogSaysHowManyInputsFoundNoRoomBeforeItCouldBeOpened) {
   EXPECT_EQ(log.position(), 5201u);
 }
 
-struct OnTheWay {
+struct DuringTheDive {
   const char* name;
   BadDisk::Order order;
   bool of_log;
-  friend void PrintTo(const OnTheWay& c, std::ostream* out) { *out << c.name; }
+  friend void PrintTo(const DuringTheDive& c, std::ostream* out) { *out << c.name; }
 };
 
-class DiskFaultsOnTheWay : public DiskFaults, public ::testing::WithParamInterface<OnTheWay> {};
+class DiskFaultsDuringTheDive : public DiskFaults, public ::testing::WithParamInterface<DuringTheDive> {};
 
-TEST_P(DiskFaultsOnTheWay, LoseNoInputAndNothingThatWasSafe) {
+TEST_P(DiskFaultsDuringTheDive, LoseNoInputAndNothingThatWasSafe) {
   const auto r = recorder();
   play(*r, 110);
   const std::uint64_t safe = r->counters().safe_position;
@@ -230,28 +231,28 @@ TEST_P(DiskFaultsOnTheWay, LoseNoInputAndNothingThatWasSafe) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Every, DiskFaultsOnTheWay,
+    Every, DiskFaultsDuringTheDive,
     ::testing::Values(
-        OnTheWay{"LogFull", {.fault = DiskFault::kNoSpace, .path = "sensors.lcmlog"}, true},
-        OnTheWay{"LogReadOnly", {.fault = DiskFault::kReadOnly, .path = "sensors.lcmlog"}, true},
-        OnTheWay{"LogBroken", {.fault = DiskFault::kInputOutput, .path = "sensors.lcmlog"}, true},
-        OnTheWay{"LogNotSynced",
-                 {.fault = DiskFault::kInputOutput, .path = "sensors.lcmlog", .calls = test::kSyncCall},
-                 true},
-        OnTheWay{"LogWrittenShort", {.fault = DiskFault::kShortWrite, .path = "sensors.lcmlog"}, true},
-        OnTheWay{"ImagesFull", {.fault = DiskFault::kNoSpace, .path = "img/"}, false},
-        OnTheWay{"ImagesReadOnly", {.fault = DiskFault::kReadOnly, .path = "img/"}, false},
-        OnTheWay{"ImagesBroken", {.fault = DiskFault::kInputOutput, .path = "img/"}, false},
-        OnTheWay{"ImagesNotSynced",
-                 {.fault = DiskFault::kInputOutput, .path = "img/", .calls = test::kSyncCall},
-                 false},
-        OnTheWay{"ImagesNotRenamed",
-                 {.fault = DiskFault::kInputOutput, .path = "img/", .calls = test::kRenameCall},
-                 false},
-        OnTheWay{"ImagesWrittenShort", {.fault = DiskFault::kShortWrite, .path = "img/"}, false},
-        OnTheWay{"AllFull", {.fault = DiskFault::kNoSpace}, true},
-        OnTheWay{"AllReadOnly", {.fault = DiskFault::kReadOnly}, true},
-        OnTheWay{"AllBroken", {.fault = DiskFault::kInputOutput}, true}),
+        DuringTheDive{"LogFull", {.fault = DiskFault::kNoSpace, .path = "sensors.lcmlog"}, true},
+        DuringTheDive{"LogReadOnly", {.fault = DiskFault::kReadOnly, .path = "sensors.lcmlog"}, true},
+        DuringTheDive{"LogBroken", {.fault = DiskFault::kInputOutput, .path = "sensors.lcmlog"}, true},
+        DuringTheDive{"LogNotSynced",
+                      {.fault = DiskFault::kInputOutput, .path = "sensors.lcmlog", .calls = test::kSyncCall},
+                      true},
+        DuringTheDive{"LogWrittenShort", {.fault = DiskFault::kShortWrite, .path = "sensors.lcmlog"}, true},
+        DuringTheDive{"ImagesFull", {.fault = DiskFault::kNoSpace, .path = "img/"}, false},
+        DuringTheDive{"ImagesReadOnly", {.fault = DiskFault::kReadOnly, .path = "img/"}, false},
+        DuringTheDive{"ImagesBroken", {.fault = DiskFault::kInputOutput, .path = "img/"}, false},
+        DuringTheDive{"ImagesNotSynced",
+                      {.fault = DiskFault::kInputOutput, .path = "img/", .calls = test::kSyncCall},
+                      false},
+        DuringTheDive{"ImagesNotRenamed",
+                      {.fault = DiskFault::kInputOutput, .path = "img/", .calls = test::kRenameCall},
+                      false},
+        DuringTheDive{"ImagesWrittenShort", {.fault = DiskFault::kShortWrite, .path = "img/"}, false},
+        DuringTheDive{"AllFull", {.fault = DiskFault::kNoSpace}, true},
+        DuringTheDive{"AllReadOnly", {.fault = DiskFault::kReadOnly}, true},
+        DuringTheDive{"AllBroken", {.fault = DiskFault::kInputOutput}, true}),
     [](const auto& of) { return std::string(of.param.name); });
 
 TEST_F(DiskFaults, AtItsEndAreGivenUpInTimeAndCutNothing) {

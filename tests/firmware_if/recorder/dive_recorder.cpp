@@ -1,6 +1,6 @@
 // Records the synthetic dive in real time until it ends or is ended, as the onboard program records: one
-// thread offers, one writes. On its output a line every 50 ms, made durable where asked: monotonic time [ms],
-// number behind the last input offered, number behind the last input that the disk holds.
+// thread offers, one writes. On its output a line every 50 ms, synced to the disk where asked: monotonic time
+// [ms], number behind the last input offered, number behind the last input that the disk holds.
 
 #include <unistd.h>
 
@@ -9,17 +9,17 @@
 #include <cstdio>
 #include <thread>
 
-#include "firmware_if/log/log_inputs.hpp"
-#include "realtime/kernel/clock.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 
 namespace {
 
+using fathom::kMillisecond_ns;
 using fathom::io::Recorder;
 using fathom::test::DivePlayer;
 using fathom::test::SyntheticDive;
-
-constexpr std::int64_t kMillisecond = 1'000'000;  // [ns]
 
 // Where the dive stands after what an earlier run recorded: it went on meanwhile.
 std::uint64_t nextNumber(const std::filesystem::path& folder) {
@@ -29,7 +29,7 @@ std::uint64_t nextNumber(const std::filesystem::path& folder) {
   if (log.position() == 0) return 0;
   return static_cast<std::uint64_t>((entry.input.arrival_utc_ns - SyntheticDive::kStartUtcNs) /
                                     SyntheticDive::kInputIntervalNs) +
-         1 + SyntheticDive::kAway;
+         1 + SyntheticDive::kRestartInputs;
 }
 
 void say(const char* line, bool durable) {
@@ -51,7 +51,7 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", seconds, "then the recording is closed");
   app.add_option("--speed", speed, "1: 100 inputs and two pairs a second");
   app.add_option("--sync-interval", sync_interval_s, "[s]");
-  app.add_flag("--durable-status", durable_status, "each line is made durable");
+  app.add_flag("--durable-status", durable_status, "each line is synced to the disk");
   CLI11_PARSE(app, argc, argv);
 
   const SyntheticDive dive(dive_config);
@@ -76,7 +76,7 @@ int main(int argc, char** argv) {
     fathom::rt::RealClock clock;
     while (!ended) {
       recorder.work(50);
-      clock.sleepUntil(clock.monotonicNs() + 20 * kMillisecond);
+      clock.sleepUntil(clock.monotonicNs() + 20 * kMillisecond_ns);
     }
   });
   fathom::rt::RealClock clock;
@@ -89,11 +89,11 @@ int main(int argc, char** argv) {
     const std::int64_t now = clock.monotonicNs();
     if (now >= next_line) {
       char line[96];
-      std::snprintf(line, sizeof line, "%lld %llu %llu\n", static_cast<long long>(now / kMillisecond),
+      std::snprintf(line, sizeof line, "%lld %llu %llu\n", static_cast<long long>(now / kMillisecond_ns),
                     static_cast<unsigned long long>(first + n + 1),
                     static_cast<unsigned long long>(first + recorder.counters().inputs_safe));
       say(line, durable_status);
-      next_line = now + 50 * kMillisecond;
+      next_line = now + 50 * kMillisecond_ns;
     }
     clock.sleepUntil(start + static_cast<std::int64_t>(n + 1) * interval);
   }

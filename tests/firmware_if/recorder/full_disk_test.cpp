@@ -8,9 +8,10 @@
 #include <string>
 #include <thread>
 
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
+#include "tests/support/recording_gaps.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::io {
@@ -113,13 +114,13 @@ TEST_F(FullDisk, StopsImagesFirstThenRawBytesAndInputsNever) {
   EXPECT_EQ(found.skipped, 0u);
   EXPECT_EQ(found.images, recorder_->counters().images);
   EXPECT_EQ(found.images_lost, recorder_->counters().images_dropped_disk);
-  const RecordingGaps gaps = readGaps(folder_);
+  const test::RecordingGaps gaps = test::readGaps(folder_);
   EXPECT_EQ(gaps.images, found.images_lost);
   EXPECT_EQ(gaps.raw_entries, recorder_->counters().raw_dropped);
   EXPECT_EQ(gaps.inputs, 0u);
 }
 
-TEST_F(FullDisk, SaysSoWhenItEndsThatWay) {
+TEST_F(FullDisk, SaysSoWhenItEndsSo) {
   playOneSecond();
   fill(0);
   playOneSecond();
@@ -131,7 +132,7 @@ TEST_F(FullDisk, SaysSoWhenItEndsThatWay) {
   EXPECT_EQ(recorder_->state(), Recorder::State::kEnded);
   EXPECT_EQ(player_.blocks().held(), 0u);
   makeRoom();
-  // What was written before the disk was full is there, and recording can go on.
+  // What was written before the disk was full is there, and recording can continue.
   const SyntheticDive::Found found = dive_.check(folder_);
   EXPECT_THAT(found.wrong, IsEmpty());
   EXPECT_GE(found.inputs, 100u);

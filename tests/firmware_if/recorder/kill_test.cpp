@@ -39,7 +39,7 @@ TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
     const RecorderStatus status(readText(status_file));
     const SyntheticDive::Found found = dive.check(folder);
     EXPECT_THAT(found.wrong, IsEmpty());
-    EXPECT_EQ(found.skipped % SyntheticDive::kAway, 0u);
+    EXPECT_EQ(found.skipped % SyntheticDive::kRestartInputs, 0u);
     EXPECT_EQ(found.images_lost, 0u);
     EXPECT_GE(found.next, status.safe());
     EXPECT_GE(found.next, status.offeredBefore(kMostLostMs));

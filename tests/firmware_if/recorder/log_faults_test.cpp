@@ -1,13 +1,14 @@
 // A log on a disk that refuses to be read.
 #include <gmock/gmock.h>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/log_inputs.hpp"
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
 #include "firmware_if/recorder/journal_file.hpp"
 #include "tests/support/bad_disk.hpp"
+#include "tests/support/recording_gaps.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
@@ -68,7 +69,7 @@ TEST_F(UnreadableLog, IsNeitherDamagedNorAtItsEnd) {
   }
 }
 
-TEST_F(UnreadableLog, IsNotCutByTheRecorderWhichGoesOnWhenItCanBeRead) {
+TEST_F(UnreadableLog, IsNotCutByTheRecorderWhichContinuesWhenItCanBeRead) {
   const std::string before = readText(path_);
   for (const std::uint64_t after : {0, 1, 2}) {
     JournalFile journal;
@@ -104,7 +105,7 @@ TEST_F(UnreadableLog, IsReportedByEveryReaderAndCutByNoWriter) {
   spoilReading(2);
   disk_.clear();
   spoilReading(2);
-  EXPECT_THAT(refusal([&] { (void)readGaps(folder_.path()); }), kSaysWhere);
+  EXPECT_THAT(refusal([&] { (void)test::readGaps(folder_.path()); }), kSaysWhere);
   disk_.clear();
   SensorLogReader samples(folder_.path());
   while (damaged < kInputs && samples.next()) ++damaged;

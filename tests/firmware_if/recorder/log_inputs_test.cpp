@@ -1,11 +1,11 @@
-#include "firmware_if/log/log_inputs.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
 
 #include <gmock/gmock.h>
 
 #include <fstream>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 

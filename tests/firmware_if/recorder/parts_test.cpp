@@ -5,15 +5,14 @@
 #include <random>
 #include <thread>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/recorder/byte_ring.hpp"
 #include "firmware_if/recorder/disk_guard.hpp"
 #include "firmware_if/recorder/image_lane.hpp"
 #include "firmware_if/recorder/image_writer.hpp"
 #include "firmware_if/recorder/journal_file.hpp"
-#include "firmware_if/recorder/raw_tiff.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
@@ -157,7 +156,7 @@ TEST(DiskGuard, TakesStepsDownAtOnceAndBackUpWithSomeRoomToSpare) {
   EXPECT_EQ(guard.update(5000), Level::kRoom);
 }
 
-TEST(ImageLane, TellsWhatBecameOfEachExposureAndWhichNoInputNamed) {
+TEST(ImageLane, KnowsTheOutcomeOfEachExposureAndWhichNoInputNamed) {
   ImageLane lane(2);
   CameraFrame frame;
   for (const std::int64_t utc_ns : {10, 20}) {
@@ -177,7 +176,7 @@ TEST(ImageLane, TellsWhatBecameOfEachExposureAndWhichNoInputNamed) {
   EXPECT_EQ(lane.forget(30), 0u);
 }
 
-TEST(JournalFile, GoesOnWithTheNumbersAndIsOneLogToEveryReader) {
+TEST(JournalFile, ContinuesTheNumbersAndIsOneLogToEveryReader) {
   const test::TemporaryFolder folder;
   const auto path = folder.path() / "sensors.lcmlog";
   const Bytes data = sequence(100000, 1);

@@ -1,7 +1,7 @@
 // Positions of inputs, as the recorder gives them and as the log says them.
 #include <gmock/gmock.h>
 
-#include "firmware_if/log/log_inputs.hpp"
+#include "firmware_if/mission/log/log_inputs.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/test_data.hpp"
@@ -58,7 +58,7 @@ class Positions : public ::testing::Test {
   std::uint64_t offered_ = 0;  // in all runs
 };
 
-TEST_F(Positions, GoOnOverRestartsAndOverWhatFoundNoRoom) {
+TEST_F(Positions, ContinueOverRestartsAndOverInputsWithoutRoom) {
   std::uint64_t refused = 0;
   for (int run = 0; run < 3; ++run) {
     const auto r = recorder();

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <lcm/lcm.h>
-
 #include <sys/stat.h>
 
 #include <chrono>
@@ -10,13 +9,14 @@
 #include <map>
 #include <thread>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/files/sensor_log.hpp"
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/recording_gap.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/sensor_log.hpp"
+#include "realtime/base/input_error.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/support/recording_gaps.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -94,7 +94,7 @@ TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
   EXPECT_EQ(count["PAROSCI"], count["FATHOM_DEPTH"]);
   EXPECT_EQ(count[std::string(kGapChannel)], 0);
   EXPECT_TRUE(MissionPaths(folder_).rawAuv());
-  EXPECT_EQ(readGaps(folder_).images, 0u);
+  EXPECT_EQ(test::readGaps(folder_).images, 0u);
 }
 
 TEST_F(RecorderTest, OfferingTakesNoMemory) {
@@ -128,12 +128,12 @@ TEST_F(RecorderTest, AnExposureWithoutPixelsIsNamedAsLostBeforeItsEvent) {
   EXPECT_EQ(found.inputs, 60u);
   EXPECT_EQ(found.images, 2u);
   EXPECT_EQ(found.images_lost, 2u);
-  EXPECT_EQ(readGaps(folder_).images, 2u);
+  EXPECT_EQ(test::readGaps(folder_).images, 2u);
   EXPECT_EQ(player_.blocks().held(), 0u);
 }
 
 TEST_F(RecorderTest, ADiskTooSlowForImagesLosesImagesAndNotInputs) {
-  // The pixels' way to the disk takes 0.5 s for the first exposure of each camera.
+  // Writing the pixels takes 0.5 s for the first exposure of each camera.
   int views = 0;
   const Recorder::ViewOf quick = player_.viewOf();
   const auto slow = [&](const CameraFrame& frame) {
@@ -151,7 +151,7 @@ TEST_F(RecorderTest, ADiskTooSlowForImagesLosesImagesAndNotInputs) {
   EXPECT_EQ(found.images_lost, 2u);
 }
 
-TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapThatTellsHowMany) {
+TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapWithTheirNumber) {
   const auto r = recorder();
   std::uint64_t refused = 0;
   for (int i = 0; i < 5000; ++i) refused += r->offerInput({SyntheticDive::kStartUtcNs + i, Tick{}}) ? 0 : 1;
@@ -162,7 +162,7 @@ TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapThatTellsHowMany) {
   EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   EXPECT_EQ(r->counters().inputs_dropped, refused);
   EXPECT_EQ(channels()["gap of " + std::to_string(refused)], 1);
-  EXPECT_EQ(readGaps(folder_).inputs, refused);
+  EXPECT_EQ(test::readGaps(folder_).inputs, refused);
 }
 
 TEST_F(RecorderTest, RawBytesThatFindNoRoomAreCountedInTheLog) {
@@ -177,11 +177,11 @@ TEST_F(RecorderTest, RawBytesThatFindNoRoomAreCountedInTheLog) {
   EXPECT_FALSE(r->offerRaw(99, SyntheticDive::kStartUtcNs, "RAW_CAN", bytes));
   while (r->work(100)) {
   }
-  EXPECT_EQ(readGaps(folder_).raw_entries, static_cast<std::uint64_t>(refused));
+  EXPECT_EQ(test::readGaps(folder_).raw_entries, static_cast<std::uint64_t>(refused));
   EXPECT_EQ(r->counters().raw_dropped, static_cast<std::uint64_t>(refused));
 }
 
-TEST_F(RecorderTest, AfterACrashRecordingGoesOnBehindTheLastWholeEntry) {
+TEST_F(RecorderTest, AfterACrashRecordingContinuesBehindTheLastWholeEntry) {
   const MissionPaths paths(folder_);
   {
     const auto r = recorder();

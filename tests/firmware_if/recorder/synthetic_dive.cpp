@@ -4,10 +4,10 @@
 #include <cstring>
 #include <set>
 
-#include "firmware_if/files/images/image_file.hpp"
-#include "firmware_if/log/log_events.hpp"
-#include "firmware_if/log/recording_gap.hpp"
-#include "realtime/kernel/input_error.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
+#include "firmware_if/mission/log/log_events.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/base/input_error.hpp"
 
 namespace fathom::test {
 namespace {

@@ -5,17 +5,17 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "firmware_if/recorder/recorder.hpp"
-#include "realtime/kernel/shared_blocks.hpp"
+#include "realtime/kernel/rings/shared_blocks.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::test {
 
-// A dive whose every input and pixel follows from its number, so that whatever part of it is found on a disk
-// can be told right or wrong: 100 inputs a second of every kind, one exposure of each camera every
-// `inputs_per_pair` of them, raw bytes with each DVL ensemble.
+// A dive with inputs and pixels that follow from their numbers, so that any part of it that is found on a
+// disk can be checked: 100 inputs a second of every kind, one exposure of each camera every `inputs_per_pair`
+// of them, raw bytes with each DVL ensemble.
 class SyntheticDive {
  public:
   struct Config {
@@ -24,7 +24,7 @@ class SyntheticDive {
   };
   static constexpr std::int64_t kStartUtcNs = 1'700'000'000'000'000'000;
   static constexpr std::int64_t kInputIntervalNs = 10'000'000;
-  static constexpr std::uint64_t kAway = 100;  // inputs that pass while a recorder starts again
+  static constexpr std::uint64_t kRestartInputs = 100;  // inputs that pass while a recorder starts again
 
   explicit SyntheticDive(const Config& config) : config_(config) {}
 
@@ -33,7 +33,7 @@ class SyntheticDive {
   [[nodiscard]] io::OnboardInput input(std::uint64_t number) const;
   [[nodiscard]] std::vector<std::uint16_t> pixels(const ImageEvent& image) const;
 
-  // The inputs' numbers are counted on over restarts, as the vehicle's clock goes on. Checks that the log of
+  // The inputs' numbers continue over restarts, as the vehicle's clock does. Checks that the log of
   // `folder` holds a run of consecutive inputs from number 0 (or several runs, when a restart left inputs
   // out), each as it was offered, that each exposure's file is there and right to the pixel unless the log
   // says that it is lost, and that no half of an image is left when `closed`.

@@ -10,7 +10,7 @@
 #include <map>
 #include <memory>
 
-#include "realtime/kernel/state_archive.hpp"
+#include "realtime/base/bytes/state_archive.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/monitor/model/monitor_model.hpp"
 #include "telemetry/monitor/session_files.hpp"
@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 // The vehicle's end of the link, as the onboard program uses it.
 class Vehicle {
  public:
-  explicit Vehicle(const Plan& plan) : plan_(plan) { beginAnew(); }
+  explicit Vehicle(const Plan& plan) : plan_(plan) { start(); }
 
   telemetry::LinkScheduler& link() { return *link_; }
   void offer(std::int64_t now_ns, const Ground& ground, std::size_t square) {
@@ -54,19 +54,19 @@ class Vehicle {
       }
     link_->detailServed();
   }
-  void hear(std::int64_t now_ns, std::span<const std::uint8_t> modem_frame) {
+  void receive(std::int64_t now_ns, std::span<const std::uint8_t> modem_frame) {
     telemetry::LinkFrames frames(modem_frame);
     while (const auto frame = frames.next()) obey(now_ns, *frame);
   }
   void obey(std::int64_t true_ns, std::span<const std::uint8_t> frame) {
     const std::int64_t now_ns = ownTime(true_ns);
-    const auto heard = ear_->accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
+    const auto result = receiver_->accept(now_ns, frame, [&](const telemetry::Acknowledgement& a) {
       return link_->sentLately(a, now_ns, telemetry::DownlinkReceiver::kFresh_s);
     });
-    if (heard.verdict != telemetry::DownlinkVerdict::kAccepted) return;
-    link_->heard(now_ns);
-    if (heard.content.acknowledgement) link_->acknowledge(*heard.content.acknowledgement, now_ns);
-    if (heard.content.request) link_->request(*heard.content.request, now_ns, heard.counter);
+    if (result.verdict != telemetry::DownlinkVerdict::kAccepted) return;
+    link_->received(now_ns);
+    if (result.content.acknowledgement) link_->acknowledge(*result.content.acknowledgement, now_ns);
+    if (result.content.request) link_->request(*result.content.request, now_ns, result.counter);
   }
   // `on_sent`, for every link frame.
   void speak(std::int64_t true_ns, FramePort& modem,
@@ -87,13 +87,13 @@ class Vehicle {
     state_.resize(std::size_t{64} << 20);
     rt::StateWriter writer(state_);
     link_->save(writer);
-    ear_->save(writer);
+    receiver_->save(writer);
     state_.resize(writer.size());
   }
   [[nodiscard]] bool restart(std::int64_t now_ns, const Ground& ground) {
-    beginAnew();
+    start();
     rt::StateReader reader(state_);
-    const bool good = link_->load(reader) && ear_->load(reader);
+    const bool good = link_->load(reader) && receiver_->load(reader);
     link_->noteRestart();
     const std::vector<std::size_t> lately = since_saved_;
     for (const std::size_t square : lately) offer(now_ns, ground, square);
@@ -101,34 +101,34 @@ class Vehicle {
   }
   // Link frames.
   [[nodiscard]] std::uint64_t frames() const { return link_->counters().frames; }
-  // What gave way to newer ground comes again when there is room.
+  // Offers again what was evicted for newer ground, when there is room.
   void offerAgain(std::int64_t now_ns, const Ground& ground) {
     const auto next = [&](std::deque<telemetry::BlockQueue::Whole>& squares) {
       const telemetry::BlockQueue::Whole square = squares.front();
       squares.pop_front();
       offerOne(ownTime(now_ns), ground, square);
     };
-    while (!gave_way_.empty() && link_->hasRoom()) next(gave_way_);
-    while (link_->spare() && !spare_.empty() && gave_way_.empty()) next(spare_);
+    while (!evicted_.empty() && link_->hasRoom()) next(evicted_);
+    while (link_->spare() && !spare_.empty() && evicted_.empty()) next(spare_);
   }
-  [[nodiscard]] bool drained() const { return gave_way_.empty() && link_->drained(); }
+  [[nodiscard]] bool drained() const { return evicted_.empty() && link_->drained(); }
 
  private:
   [[nodiscard]] bool coarse() const { return plan_.link.blocks.coarse_spacing > plan_.link.blocks.spacing; }
   [[nodiscard]] std::int64_t ownTime(std::int64_t now_ns) const {
     return now_ns + aheadAt(plan_.vehicle_clock, now_ns);
   }
-  void beginAnew() {
+  void start() {
     link_ = std::make_unique<telemetry::LinkScheduler>(plan_.link);
-    link_->onGaveWay([this](const telemetry::BlockQueue::Whole& square, bool spare) {
-      auto& squares = spare ? spare_ : gave_way_;
+    link_->onEvicted([this](const telemetry::BlockQueue::Whole& square, bool spare) {
+      auto& squares = spare ? spare_ : evicted_;
       const auto same = [&](const telemetry::BlockQueue::Whole& other) {
         return other.spacing == square.spacing && other.north == square.north && other.east == square.east;
       };
       if (std::none_of(squares.begin(), squares.end(), same)) squares.push_back(square);
     });
     link_->setMissionInfo({"sirius", {}, kStart_ns, 0});
-    ear_ = std::make_unique<telemetry::DownlinkReceiver>(kIdentity, keyOf(plan_), kStart_ns);
+    receiver_ = std::make_unique<telemetry::DownlinkReceiver>(kIdentity, keyOf(plan_), kStart_ns);
   }
   // A square of any of the link's lattices as the ground is there.
   void offerOne(std::int64_t now_ns, const Ground& ground, const telemetry::BlockQueue::Whole& place) {
@@ -142,9 +142,9 @@ class Vehicle {
   }
   const Plan& plan_;
   std::unique_ptr<telemetry::LinkScheduler> link_;
-  std::unique_ptr<telemetry::DownlinkReceiver> ear_;
-  std::vector<std::size_t> since_saved_;                       // offered
-  std::deque<telemetry::BlockQueue::Whole> gave_way_, spare_;  // the first to be offered first
+  std::unique_ptr<telemetry::DownlinkReceiver> receiver_;
+  std::vector<std::size_t> since_saved_;                      // offered
+  std::deque<telemetry::BlockQueue::Whole> evicted_, spare_;  // the first to be offered first
   std::map<std::size_t, double> detailed_;  // quarters of squares, with the error asked for [m]
   std::vector<std::uint8_t> state_;
 };
@@ -178,10 +178,10 @@ class Ship {
     file.seekp(static_cast<std::int64_t>(random()) % size);
     for (int k = 0; k < 20; ++k) file.put(static_cast<char>(random()));
   }
-  void hear(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
+  void receive(std::int64_t now_ns, std::span<const std::uint8_t> frame) {
     const std::int64_t own_ns = ownTime(now_ns);
     if (!diskIsFull(now_ns)) keepWaiting();
-    model_->hear(frame, own_ns, [&](const auto& decoded, std::span<const std::uint8_t> link_frame) {
+    model_->receive(frame, own_ns, [&](const auto& decoded, std::span<const std::uint8_t> link_frame) {
       if (decoded.verdict != telemetry::FrameVerdict::kAccepted) return;
       waiting_.push_back({own_ns, {link_frame.begin(), link_frame.end()}, decoded});
     });

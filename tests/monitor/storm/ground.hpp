@@ -35,7 +35,7 @@ class Ground {
   struct Square {
     bool known = false, empty = false;
     double seen = 1, rise_m = 0;
-    // Made when asked for.
+    // Computed when asked for.
     mutable std::unique_ptr<HeightTile> tile;
     mutable std::array<std::unique_ptr<HeightTile>, 4> details;
   };

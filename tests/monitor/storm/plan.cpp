@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
 
 namespace fathom::test {
 namespace {

@@ -7,12 +7,12 @@
 #include <utility>
 #include <vector>
 
+#include "realtime/base/units.hpp"
 #include "sim/link/channel.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 
 namespace fathom::test {
 
-inline constexpr std::int64_t kSecond_ns = 1'000'000'000;
 inline constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 inline constexpr telemetry::LinkIdentity kIdentity{7, 1234};
 
@@ -31,8 +31,8 @@ struct Plan {
   std::vector<std::pair<double, double>> ship_clock;     // from then on so far ahead of the true time [s]
   std::vector<std::pair<double, double>> vehicle_clock;  // the vehicle's, from a restart on; never set back
   std::vector<std::pair<double, double>> full_disk;      // of the ship, from to [s]
-  std::vector<double> requests;                          // made on the ship at these times [s]
-  bool listener = false;                                 // a second ship that hears and never speaks
+  std::vector<double> requests;                          // from the ship at these times [s]
+  bool listener = false;                                 // a second ship that receives and never speaks
 };
 
 [[nodiscard]] std::optional<telemetry::LinkKey> keyOf(const Plan& plan);

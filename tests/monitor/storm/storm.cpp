@@ -1,15 +1,22 @@
-#include "tests/monitor/storm/storm.hpp"
-
+// link_storm: dives of the acoustic link in storms, each judged by what the ship shows after the calm. Exit
+// status 1 when one is wrong.
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
+#include <string>
+#include <thread>
+#include <vector>
 
-#include "realtime/kernel/text.hpp"
+#include "realtime/base/text.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "tests/monitor/storm/ends.hpp"
+#include "tests/support/report_program.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::test {
@@ -17,6 +24,15 @@ namespace {
 
 using telemetry::BlockKey;
 using telemetry::MapBlock;
+
+// What a storm was and what came of it.
+struct StormResult {
+  std::string what;                // the storm in a line
+  std::vector<std::string> wrong;  // sentences; empty: good
+  std::size_t nodes = 0;           // of the vehicle's map at the end
+  std::uint64_t frames = 0;        // that the vehicle sent
+  double seconds = 0;              // of the dive, storm and calm
+};
 
 constexpr double kQuiet_s = 600;  // the ship has turns enough to say what it lacks
 constexpr std::size_t kStepsBetweenLooks = 97;
@@ -91,7 +107,7 @@ class Witness {
   std::size_t wrong_ = 0, untrue_ = 0;
 };
 
-telemetry::Request wishOf(const Plan& plan, std::mt19937& random) {
+telemetry::Request randomRequest(const Plan& plan, std::mt19937& random) {
   const auto between = [&](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
@@ -165,133 +181,202 @@ bool agree(const monitor::StoredBlock* shown, telemetry::Version first, telemetr
   return true;
 }
 
-}  // namespace
+// One dive's link, drawn by the seed: frame size, rate, loss, bursts, doubled, late and damaged frames, half
+// duplex with lag; ground that appears, grows, moves, is emptied and evicted; restarts of vehicle and ship, a
+// ship that comes late, loses its file or finds it damaged, clocks that step. Then a calm: every block that
+// waits goes out. Holds the ship's map against the vehicle's.
+class Storm {
+ public:
+  explicit Storm(unsigned seed) : random_(seed), plan_(draw(random_)), chance_(seed) {
+    if (plan_.listener) {
+      listener_ = std::make_unique<Ship>(plan_, folder_.path() / "listener");
+      listener_->start();
+    }
+    result_.what = describe(plan_);
+  }
+  StormResult run() {
+    double next_change_s = 0;
+    for (double t = 0; t < plan_.storm_s; t += plan_.step_s, now_ns_ += nanoseconds(plan_.step_s)) {
+      for (; next_change_s <= t; next_change_s += plan_.change_every_s)
+        vehicle_.offer(now_ns_, ground_, ground_.change(random_));
+      step(true);
+    }
+    calm();
+    judge();
+    return std::move(result_);
+  }
 
-StormResult storm(unsigned seed) {
-  std::mt19937 random(seed);
-  Plan plan = draw(random);
-  StormResult result;
-  result.what = describe(plan);
-  const TemporaryFolder folder;
-  Vehicle vehicle(plan);
-  Ship ship(plan, folder.path() / "ship");
-  auto water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
-  Ground ground(plan.side);
-  const auto listener = plan.listener ? std::make_unique<Ship>(plan, folder.path() / "listener") : nullptr;
-  if (listener) listener->start();
-  Witness witness(ground);
-  std::mt19937 wishes(seed);
-
-  std::size_t steps = 0;
-  const auto step = [&](std::int64_t now_ns, bool stormy) {
-    const double before_s = static_cast<double>(now_ns - kStart_ns) * 1e-9 - plan.step_s,
-                 now_s = before_s + plan.step_s;
-    const auto passed = [&](double at_s) { return at_s > before_s && at_s <= now_s; };
+ private:
+  void restartAtTheirTimes(double before_s, double now_s) {
     const auto any = [&](const std::vector<double>& times) {
-      return stormy && std::any_of(times.begin(), times.end(), passed);
+      return std::any_of(times.begin(), times.end(),
+                         [&](double at_s) { return at_s > before_s && at_s <= now_s; });
     };
-    if (any(plan.vehicle_restarts) && !vehicle.restart(now_ns, ground))
-      result.wrong.emplace_back("a state does not load");
-    if (!ship.on() && now_s >= plan.ship_from_s) ship.start();
-    if (ship.on()) {
-      const bool lost = any(plan.lost_files), damaged = any(plan.damaged_files);
-      if (lost) ship.loseFile();
-      if (damaged) ship.damageFile(random);
-      if (lost || damaged || any(plan.ship_restarts)) ship.start();
-    }
-    if (stormy && ship.on())
-      for (const double at_s : plan.requests)
-        if (passed(at_s)) ship.ask(now_ns, wishOf(plan, wishes));
-    vehicle.offerAgain(now_ns, ground);
-    vehicle.serve(now_ns, ground);
-    water->advance(now_s);
+    if (any(plan_.vehicle_restarts) && !vehicle_.restart(now_ns_, ground_))
+      result_.wrong.emplace_back("a state does not load");
+    startShip(now_s);
+    if (!ship_.on()) return;
+    const bool lost = any(plan_.lost_files), damaged = any(plan_.damaged_files);
+    if (lost) ship_.loseFile();
+    if (damaged) ship_.damageFile(random_);
+    if (lost || damaged || any(plan_.ship_restarts)) ship_.start();
+    for (const double at_s : plan_.requests)
+      if (any({at_s})) ship_.ask(now_ns_, randomRequest(plan_, chance_));
+  }
+  void startShip(double now_s) {
+    if (!ship_.on() && now_s >= plan_.ship_from_s) ship_.start();
+  }
+  void step(bool stormy) {
+    const double before_s = static_cast<double>(now_ns_ - kStart_ns) * 1e-9 - plan_.step_s,
+                 now_s = before_s + plan_.step_s;
+    if (stormy)
+      restartAtTheirTimes(before_s, now_s);
+    else
+      startShip(now_s);
+    vehicle_.offerAgain(now_ns_, ground_);
+    vehicle_.serve(now_ns_, ground_);
+    water_->advance(now_s);
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> frame;
-    while (const std::size_t size = water->ship().receive(frame)) {
-      if (ship.on()) ship.hear(now_ns, std::span(frame).first(size));
-      if (listener && wishes() % 10 < 8) listener->hear(now_ns, std::span(frame).first(size));
+    while (const std::size_t size = water_->ship().receive(frame)) {
+      if (ship_.on()) ship_.receive(now_ns_, std::span(frame).first(size));
+      if (listener_ && chance_() % 10 < 8) listener_->receive(now_ns_, std::span(frame).first(size));
     }
-    if (ship.on() && plan.answers) ship.speak(now_ns, water->ship());
-    while (const std::size_t size = water->vehicle().receive(frame))
-      vehicle.hear(now_ns, std::span(frame).first(size));
-    // What a log that lacks the last moment has.
-    if (stormy && std::any_of(plan.vehicle_restarts.begin(), plan.vehicle_restarts.end(),
-                              [&](double at_s) { return at_s > now_s && at_s <= now_s + 2 * plan.step_s; }))
-      vehicle.save();
-    vehicle.speak(now_ns, water->vehicle(), [&](auto link_frame) { witness.sent(link_frame); });
-    if (++steps % kStepsBetweenLooks != 0) return;
-    if (ship.on()) witness.look(ship.model().map().store());
-    if (listener) witness.look(listener->model().map().store());
-  };
+    if (ship_.on() && plan_.answers) ship_.speak(now_ns_, water_->ship());
+    while (const std::size_t size = water_->vehicle().receive(frame))
+      vehicle_.receive(now_ns_, std::span(frame).first(size));
+    // The state in a log that lacks the last moment.
+    if (stormy && std::any_of(plan_.vehicle_restarts.begin(), plan_.vehicle_restarts.end(),
+                              [&](double at_s) { return at_s > now_s && at_s <= now_s + 2 * plan_.step_s; }))
+      vehicle_.save();
+    vehicle_.speak(now_ns_, water_->vehicle(), [&](auto link_frame) { witness_.sent(link_frame); });
+    if (++steps_ % kStepsBetweenLooks != 0) return;
+    if (ship_.on()) witness_.look(ship_.model().map().store());
+    if (listener_) witness_.look(listener_->model().map().store());
+  }
+  // No losses, no restarts, no requests, until both ends are quiet.
+  void calm() {
+    // What is in transit is lost.
+    for (sim::ChannelConfig* channel : {&plan_.up, &plan_.down})
+      channel->loss = channel->mean_burst = channel->duplicate = channel->corrupt = channel->reorder = 0;
+    water_ = std::make_unique<sim::ChannelPair>(plan_.up, plan_.down, true);
+    // Pause and rate are taken back.
+    if (!plan_.requests.empty()) {
+      telemetry::Request request;
+      request.kind = telemetry::Request::Kind::kResumeMap;
+      ship_.ask(now_ns_, request);
+      request.kind = telemetry::Request::Kind::kRate;
+      request.rate_bps = std::max(80.0, plan_.link.rate_bps);
+      ship_.ask(now_ns_, request);
+    }
+    // Long enough for everything twice, and to listen for what was silent for long.
+    const Slowness slow = slowness(plan_);
+    const double all_s = static_cast<double>(ground_.size()) * (plan_.requests.empty() ? 16 : 80) * 60 * 8 /
+                         plan_.link.rate_bps * slow.sending;
+    // Where nobody asks, everything is sent once more, and what is evicted for it.
+    const bool coarse = plan_.link.blocks.coarse_spacing > plan_.link.blocks.spacing;
+    const double least_s = plan_.answers ? 0 : (coarse ? 3 : 2) * all_s + 400;
+    // A ship that has lost frames needs turns enough to say of all of them whether it holds them.
+    const bool lost = !plan_.lost_files.empty() || !plan_.damaged_files.empty();
+    const double enough_s =
+        (kQuiet_s + (lost ? static_cast<double>(vehicle_.frames()) / 80 * 60 : 0)) * slow.turns;
+    double quiet_s = 0;
+    for (double t = 0;
+         t < 3 * all_s + 3000 * slow.turns + enough_s && (plan_.answers ? quiet_s < enough_s : t < least_s);
+         t += plan_.step_s, now_ns_ += nanoseconds(plan_.step_s)) {
+      step(false);
+      quiet_s = vehicle_.drained() ? quiet_s + plan_.step_s : 0;
+    }
+    if (plan_.answers && quiet_s < enough_s) result_.wrong.emplace_back("the link does not come to rest");
+  }
+  void judge() {
+    const monitor::BlockStore& shown = ship_.model().map().store();
+    witness_.look(shown);
+    const Differences d = compare(ground_, shown, plan_.link.blocks, witness_);
+    result_.nodes = d.nodes;
+    result_.frames = vehicle_.frames();
+    result_.seconds = static_cast<double>(now_ns_ - kStart_ns) * 1e-9;
+    const auto say = [&](std::size_t count, const char* what) {
+      if (count > 0) result_.wrong.push_back(formatted("%zu of %zu nodes %s", count, d.nodes, what));
+    };
+    say(d.stale, "stale");
+    say(d.ghosts, "ghosts");
+    say(d.missing, "missing");
+    std::size_t disagreed = 0;
+    vehicle_.link().eachHeld(
+        [&](const BlockKey& key, telemetry::Version first, telemetry::Version last, const MapBlock& held) {
+          disagreed += agree(shown.find(key), first, last, held) ? 0 : 1;
+        });
+    if (disagreed > 0) result_.wrong.push_back(formatted("of %zu blocks the ends disagree", disagreed));
+    for (const auto& entry : ship_.model().requests().entries()) {
+      using State = monitor::RequestLedger::State;
+      const bool forgotten = entry.state == State::kTaken && !plan_.vehicle_restarts.empty();
+      if (entry.state == State::kQueued || entry.state == State::kSent ||
+          (entry.state == State::kTaken && !forgotten))
+        result_.wrong.push_back(monitor::describe(entry.request) + ": " + name(entry.state));
+    }
+    if (witness_.wrong() > 0)
+      result_.wrong.push_back(formatted("%zu blocks shown that were never the vehicle's", witness_.wrong()));
+    if (witness_.untrue() > 0)
+      result_.wrong.push_back(formatted("%zu nodes sent that the vehicle did not hold", witness_.untrue()));
+  }
 
-  std::int64_t now_ns = kStart_ns;
-  double next_change_s = 0;
-  for (double t = 0; t < plan.storm_s; t += plan.step_s, now_ns += nanoseconds(plan.step_s)) {
-    for (; next_change_s <= t; next_change_s += plan.change_every_s)
-      vehicle.offer(now_ns, ground, ground.change(random));
-    step(now_ns, true);
-  }
-  // What is still under way is lost.
-  for (sim::ChannelConfig* way : {&plan.up, &plan.down})
-    way->loss = way->mean_burst = way->duplicate = way->corrupt = way->reorder = 0;
-  water = std::make_unique<sim::ChannelPair>(plan.up, plan.down, true);
-  // Whatever was asked for is taken back.
-  if (!plan.requests.empty()) {
-    telemetry::Request request;
-    request.kind = telemetry::Request::Kind::kResumeMap;
-    ship.ask(now_ns, request);
-    request.kind = telemetry::Request::Kind::kRate;
-    request.rate_bps = std::max(80.0, plan.link.rate_bps);
-    ship.ask(now_ns, request);
-  }
-  // Long enough for everything twice, and to listen for what was silent for long.
-  const Slowness slow = slowness(plan);
-  const double all_s = static_cast<double>(ground.size()) * (plan.requests.empty() ? 16 : 80) * 60 * 8 /
-                       plan.link.rate_bps * slow.sending;
-  // Where nobody asks, all comes once more, and what gives way to it.
-  const bool coarse = plan.link.blocks.coarse_spacing > plan.link.blocks.spacing;
-  const double least_s = plan.answers ? 0 : (coarse ? 3 : 2) * all_s + 400;
-  // A ship that has lost frames needs turns enough to say of all of them whether it holds them.
-  const bool lost = !plan.lost_files.empty() || !plan.damaged_files.empty();
-  const double enough_s =
-      (kQuiet_s + (lost ? static_cast<double>(vehicle.frames()) / 80 * 60 : 0)) * slow.turns;
-  double quiet_s = 0;
-  for (double t = 0;
-       t < 3 * all_s + 3000 * slow.turns + enough_s && (plan.answers ? quiet_s < enough_s : t < least_s);
-       t += plan.step_s, now_ns += nanoseconds(plan.step_s)) {
-    step(now_ns, false);
-    quiet_s = vehicle.drained() ? quiet_s + plan.step_s : 0;
-  }
+  std::mt19937 random_;
+  Plan plan_;
+  std::mt19937 chance_;  // of requests, and of the listener's losses
+  StormResult result_;
+  const TemporaryFolder folder_;
+  Vehicle vehicle_{plan_};
+  Ship ship_{plan_, folder_.path() / "ship"};
+  std::unique_ptr<sim::ChannelPair> water_ = std::make_unique<sim::ChannelPair>(plan_.up, plan_.down, true);
+  Ground ground_{plan_.side};
+  std::unique_ptr<Ship> listener_;
+  Witness witness_{ground_};
+  std::size_t steps_ = 0;
+  std::int64_t now_ns_ = kStart_ns;
+};
 
-  witness.look(ship.model().map().store());
-  const Differences d = compare(ground, ship.model().map().store(), plan.link.blocks, witness);
-  result.nodes = d.nodes;
-  result.frames = vehicle.frames();
-  result.seconds = static_cast<double>(now_ns - kStart_ns) * 1e-9;
-  const auto say = [&](std::size_t count, const char* what) {
-    if (count > 0) result.wrong.push_back(formatted("%zu of %zu nodes %s", count, d.nodes, what));
+struct Options {
+  int runs = 50, first = 1, jobs = static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+};
+
+int report(const Options& o) {
+  std::atomic<int> next = 0;
+  std::mutex printing;
+  int bad = 0;
+  std::uint64_t frames = 0;
+  const auto work = [&] {
+    for (int k = next++; k < o.runs; k = next++) {
+      const StormResult r = Storm(static_cast<unsigned>(o.first + k)).run();
+      const std::lock_guard lock(printing);
+      frames += r.frames;
+      bad += r.wrong.empty() ? 0 : 1;
+      std::printf("%-4s %4d %s: %zu nodes, %llu frames in %.0f s\n", r.wrong.empty() ? "good" : "BAD",
+                  o.first + k, r.what.c_str(), r.nodes, static_cast<unsigned long long>(r.frames), r.seconds);
+      for (const std::string& what : r.wrong) std::printf("          %s\n", what.c_str());
+      std::fflush(stdout);
+    }
   };
-  say(d.stale, "stale");
-  say(d.ghosts, "ghosts");
-  say(d.missing, "missing");
-  std::size_t disagreed = 0;
-  vehicle.link().eachHeld(
-      [&](const BlockKey& key, telemetry::Version first, telemetry::Version last, const MapBlock& held) {
-        disagreed += agree(ship.model().map().store().find(key), first, last, held) ? 0 : 1;
-      });
-  if (disagreed > 0) result.wrong.push_back(formatted("of %zu blocks the ends disagree", disagreed));
-  for (const auto& entry : ship.model().requests().entries()) {
-    using State = monitor::RequestLedger::State;
-    const bool forgotten = entry.state == State::kTaken && !plan.vehicle_restarts.empty();
-    if (entry.state == State::kQueued || entry.state == State::kSent ||
-        (entry.state == State::kTaken && !forgotten))
-      result.wrong.push_back(monitor::describe(entry.request) + ": " + name(entry.state));
-  }
-  if (witness.wrong() > 0)
-    result.wrong.push_back(formatted("%zu blocks shown that were never the vehicle's", witness.wrong()));
-  if (witness.untrue() > 0)
-    result.wrong.push_back(formatted("%zu nodes sent that the vehicle did not hold", witness.untrue()));
-  if (plan.answers && quiet_s < enough_s) result.wrong.emplace_back("the link does not come to rest");
-  return result;
+  std::vector<std::thread> threads;
+  for (int j = 0; j < o.jobs; ++j) threads.emplace_back(work);
+  for (std::thread& thread : threads) thread.join();
+  std::printf("%d of %d storms good, %llu frames\n", o.runs - bad, o.runs,
+              static_cast<unsigned long long>(frames));
+  return bad == 0 ? 0 : 1;
 }
 
+Report stormReport() {
+  static Options o;
+  return {"storm",
+          "The ship's map against the vehicle's after storms of the link",
+          {{"--runs", &o.runs, "how many", 1, 1e6},
+           {"--first", &o.first, "seed of the first"},
+           {"--jobs", &o.jobs, "at once", 1, 256}},
+          [] { return report(o); }};
+}
+
+}  // namespace
 }  // namespace fathom::test
+
+int main(int argc, char** argv) {
+  return fathom::test::runReports("link_storm", {fathom::test::stormReport()}, argc, argv);
+}

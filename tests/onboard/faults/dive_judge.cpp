@@ -6,12 +6,12 @@
 #include <exception>
 #include <set>
 
-#include "firmware_if/log/onboard_input.hpp"
-#include "firmware_if/log/recording_gap.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "tests/onboard/faults/damage.hpp"
 #include "tests/onboard/live/dive_files.hpp"
 #include "tests/onboard/live/dived_mission.hpp"
+#include "tests/support/recording_gaps.hpp"
 
 namespace fathom::test {
 namespace {
@@ -24,7 +24,7 @@ constexpr double kFinishing_s =
     30 / kRate;  // that a mapper that makes the end of its map may give no sign of life
 constexpr double kDiskLook_s =
     5 / kRate;  // a mapper that lost rows looks so often for a disk that takes them
-constexpr std::int64_t kOnItsWay_ns = 400'000'000;  // an input that was due so shortly before the end
+constexpr std::int64_t kInTransit_ns = 400'000'000;  // an input that was due so shortly before the end
 
 class Verdict {
  public:
@@ -87,7 +87,8 @@ void judgeInputs(const FaultCase& fault, const DiveStory& story, const VehicleSe
   for (const io::OnboardInput& input : io::readOnboardInputs(places.mission, damaged)) {
     const std::int64_t due_ns = input.arrival_utc_ns + seen.shift_ns;
     const auto key = shiftedKey(input, seen.shift_ns);
-    if (!key || due_ns < first_ns || due_ns > story.end_ns - kOnItsWay_ns || logged.count(*key) > 0) continue;
+    if (!key || due_ns < first_ns || due_ns > story.end_ns - kInTransit_ns || logged.count(*key) > 0)
+      continue;
     if (std::any_of(windows.begin(), windows.end(),
                     [&](const Window& w) { return due_ns >= w.from_ns && due_ns <= w.to_ns; }))
       continue;
@@ -107,7 +108,7 @@ void judgeInputs(const FaultCase& fault, const DiveStory& story, const VehicleSe
 }
 
 void judgeReplay(const FaultCase& fault, const VehiclePlaces& places, Verdict& verdict) {
-  const io::RecordingGaps gaps = io::readGaps(places.dive());
+  const test::RecordingGaps gaps = test::readGaps(places.dive());
   const std::vector<std::string> differ = replayDifferences(places.dive());
   std::string names;
   for (const std::string& name : differ) names += " " + name;
@@ -130,7 +131,7 @@ double foundOutAfter(const FaultCase& fault) {
 std::string judge(const FaultCase& fault, const DiveStory& story, const VehicleSeen& seen,
                   const VehiclePlaces& places) {
   Verdict verdict;
-  verdict.require(story.under_way, "it never mapped");
+  verdict.require(story.mapped, "it never mapped");
   double back_s = kBack_s + story.waited_back_s + foundOutAfter(fault);
   if (fault.disk.fault != DiskFault::kNone) back_s += kDiskLook_s;
   verdict.require(story.back && story.back_s <= back_s,
@@ -147,7 +148,7 @@ std::string judge(const FaultCase& fault, const DiveStory& story, const VehicleS
   const bool slow = fault.is("navigation", PartFault::kSlow),
              stops = fault.is("navigation", PartFault::kHangShort);
   const double late_s = kLate_s + story.navigation_waited_s + (slow || stops ? 1e-3 * kFaultFor_ms : 0);
-  verdict.require(seen.slipped_s <= late_s, "navigation was late by more than " + seconds(late_s));
+  verdict.require(seen.skipped_s <= late_s, "navigation was late by more than " + seconds(late_s));
   try {
     judgeInputs(fault, story, seen, places, verdict);
     if (seen.mapped) judgeReplay(fault, places, verdict);

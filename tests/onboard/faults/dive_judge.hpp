@@ -10,7 +10,7 @@ namespace fathom::test {
 
 // What happened in one dive; times of the vehicle, or seconds of the machine.
 struct DiveStory {
-  bool under_way = false, back = false, ended = false;
+  bool mapped = false, back = false, ended = false;
   bool saves = true;  // states, after a fault of what saves them
   std::int64_t fault_ns = 0, back_ns = 0, end_ns = 0;
   double fault_s = 0;  // that it took to do the fault

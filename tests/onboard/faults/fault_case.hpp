@@ -18,7 +18,7 @@ struct FaultCase {
   PartOf process = PartOf::kNothing;
   PartFault fault = PartFault::kNone;
   BadDisk::Order disk;
-  double after_s = 0;  // from the moment that the dive is under way
+  double after_s = 0;  // from the moment that the vehicle maps
   double apart_s = 0;  // from the part's to the disk's
 
   [[nodiscard]] std::string name() const;

@@ -9,8 +9,9 @@
 #include <cstring>
 #include <functional>
 
-#include "firmware_if/log/onboard_input.hpp"
-#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 #include "tests/onboard/faults/damage.hpp"
 #include "tests/onboard/faults/dive_judge.hpp"
@@ -25,8 +26,8 @@ using onboard::MapperPhase;
 
 constexpr double kLook_s = 0.04;
 constexpr std::uint64_t kPairsBefore = 3;
-constexpr double kSaves_s = 5;                       // that are waited for a saved state
-constexpr double kUnderWay_s = 120, kGiveUp_s = 45;  // that are waited for anything at most
+constexpr double kSaves_s = 5;                      // that are waited for a saved state
+constexpr double kMapping_s = 120, kGiveUp_s = 45;  // that are waited for anything at most
 
 double now() {
   return static_cast<double>(rt::RealClock().monotonicNs()) * 1e-9;
@@ -49,7 +50,7 @@ class FaultDive {
 
   DiveStory run() {
     DiveStory story;
-    story.under_way = until([&] { return seen().pairs >= kPairsBefore && follows(); }, kUnderWay_s);
+    story.mapped = until([&] { return seen().pairs >= kPairsBefore && follows(); }, kMapping_s);
     rest(fault_.after_s);
     vehicle_.waited().begin();
     story.fault_ns = vehicle_.clock().utcNs();
@@ -109,8 +110,8 @@ class FaultDive {
     for (const auto& entry : fs::directory_iterator(places_.dive() / "state", error)) {
       struct stat file = {};
       if (entry.path().extension() != ".bin" || ::stat(entry.path().c_str(), &file) != 0) continue;
-      const std::int64_t age_ns = rt::RealClock().utcNs() -
-                                  (file.st_mtim.tv_sec * std::int64_t{1'000'000'000} + file.st_mtim.tv_nsec);
+      const std::int64_t age_ns =
+          rt::RealClock().utcNs() - (file.st_mtim.tv_sec * kSecond_ns + file.st_mtim.tv_nsec);
       newest_ns = std::max(newest_ns, vehicle_.clock().utcNs() - static_cast<std::int64_t>(kRate) * age_ns);
     }
     return newest_ns;
@@ -203,7 +204,7 @@ int faultDive(const fs::path& mission, const fs::path& out, unsigned seed, int n
       "%s %s: fault %.1f s, back after %.1f s, end %.1f s, late %.2f s, %llu starts of the mapper, "
       "%zu of the vehicle%s%s\n",
       bad.empty() ? "good" : "BAD", fault.name().c_str(), story.fault_s, story.back_s, story.end_s,
-      static_cast<double>(dive.seen().slipped_s),
+      static_cast<double>(dive.seen().skipped_s),
       static_cast<unsigned long long>(dive.seen().mapper_starts.load()), story.away.size() + 1,
       bad.empty() ? "" : "; ", bad.c_str());
   return bad.empty() ? 0 : 1;

@@ -33,7 +33,7 @@ struct Options {
   unsigned seed = 1;
 };
 
-// Forked: this process has no other thread, and nothing need be linked anew.
+// Forked: this process has no other thread, and nothing need be linked again.
 pid_t startDive(const Options& options, int number, const fs::path& out) {
   fs::remove_all(out);
   fs::create_directories(out);

@@ -2,12 +2,12 @@
 
 #include <array>
 #include <cstring>
-#include <ctime>
 #include <limits>
 #include <random>
 #include <utility>
 
 #include "tests/support/bad_parts_control.hpp"
+#include "tests/support/mapped_file.hpp"
 
 namespace fathom::test {
 namespace {
@@ -19,9 +19,7 @@ constexpr std::array<double, 5> kImpossible = {kNan, std::numeric_limits<double>
 bool corrupt(std::string_view part) {
   const BadPartsControl* const all = fathomBadParts();
   if (all == nullptr || all->fault != PartFault::kCorrupt || part != all->part) return false;
-  timespec now = {};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec < all->until_ns;
+  return nowNs() < all->until_ns;
 }
 
 std::int64_t impossibleTime(std::int64_t utc_ns, std::uint64_t number) {

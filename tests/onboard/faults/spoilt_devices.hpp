@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
 #include "firmware_if/devices/sample_source.hpp"
 #include "realtime/kernel/frame_port.hpp"
 

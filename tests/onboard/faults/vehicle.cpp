@@ -5,7 +5,7 @@
 #include <fstream>
 #include <thread>
 
-#include "realtime/kernel/command_line.hpp"
+#include "realtime/base/command_line.hpp"
 #include "realtime/onboard/live/status_publisher.hpp"
 #include "tests/onboard/faults/spoilt_devices.hpp"
 #include "tests/onboard/live/played_devices.hpp"
@@ -54,7 +54,7 @@ class ArmedMission final : public Playback {
   PlayedMission mission_;
 };
 
-// Tells the judge what is to be seen of the program, whatever its own threads do.
+// Shows the judge the visible state of the program, independently of the program's threads.
 class Observer {
  public:
   Observer(LiveSystem& live, const rt::VehicleClock& clock, VehicleSeen& seen)
@@ -176,7 +176,7 @@ int runVehicle(const VehiclePlaces& places) {
   }
   for (const std::string& line : end.left_out) say("left out: " + line);
   if (const auto* loop = live.hardLoop(); loop != nullptr)
-    seen->slipped_s = static_cast<double>(loop->slipped_cycles) *
+    seen->skipped_s = static_cast<double>(loop->skipped_cycles) *
                       static_cast<double>(config.live.realtime.period_ns) * 1e-9 / kRate;
   seen->mapped = end.mapped;
   seen->ended = true;

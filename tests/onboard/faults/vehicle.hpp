@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 
 namespace fathom::test {
 
@@ -34,7 +34,7 @@ struct VehicleSeen {
   // When the dive has ended.
   std::atomic<bool> ended{false}, mapped{false};
   std::atomic<double> end_s{0};
-  std::atomic<double> slipped_s{0};  // that navigation's cycles came too late, of the newest life [s]
+  std::atomic<double> skipped_s{0};  // that navigation's cycles came too late, of the newest life [s]
 };
 
 struct VehiclePlaces {

@@ -19,8 +19,8 @@
 #include <string_view>
 #include <system_error>
 
-#include "realtime/kernel/clock.hpp"
-#include "realtime/kernel/command_line.hpp"
+#include "realtime/base/command_line.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::test {
 namespace {
@@ -107,12 +107,12 @@ VehicleProcess::~VehicleProcess() {
   ::close(notify_);
 }
 
-// Forked, so that it need not be linked anew: this process has no other thread.
+// Forked, so that it need not be linked again: this process has no other thread.
 void VehicleProcess::start() {
   std::fflush(nullptr);
   pid_ = ::fork();
   require(pid_ >= 0, "fork");
-  heard_ns_ = machineNs();
+  last_sign_ns_ = machineNs();
   armed_ = killed_ = false;
   if (pid_ > 0) return;
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -128,15 +128,15 @@ void VehicleProcess::start() {
   std::_Exit(status);
 }
 
-void VehicleProcess::hear() {
+void VehicleProcess::readSigns() {
   std::array<char, 4096> text;
   for (ssize_t size = 0; (size = ::recv(notify_, text.data(), text.size(), 0)) > 0;)
     if (std::string_view(text.data(), static_cast<std::size_t>(size)).find("WATCHDOG=1") != std::string::npos)
-      heard_ns_ = machineNs();
+      last_sign_ns_ = machineNs();
 }
 
 void VehicleProcess::look() {
-  hear();
+  readSigns();
   const std::int64_t now_ns = machineNs();
   if (pid_ < 0) {
     if (start_at_ns_ != 0 && now_ns >= start_at_ns_) start();
@@ -148,10 +148,10 @@ void VehicleProcess::look() {
   if (!armed_ && seen_->lives > lives_) {
     armed_ = true;
     lives_ = seen_->lives;
-    heard_ns_ = now_ns;
+    last_sign_ns_ = now_ns;
     if (!away_.empty()) away_.back().to_ns = seen_->armed_utc_ns;
   }
-  if (!killed_ && !seen_->end && now_ns - heard_ns_ > (armed_ ? kWatchdog_ns : kStart_ns)) {
+  if (!killed_ && !seen_->end && now_ns - last_sign_ns_ > (armed_ ? kWatchdog_ns : kStart_ns)) {
     killed_ = true;
     ::kill(pid_, SIGKILL);
   }

@@ -58,7 +58,7 @@ class VehicleProcess {
 
  private:
   void start();
-  void hear();
+  void readSigns();
 
   VehiclePlaces places_;
   std::function<void()> prepare_;
@@ -69,7 +69,7 @@ class VehicleProcess {
   std::string notify_name_;
   pid_t pid_ = -1;
   std::uint64_t lives_ = 0;
-  std::int64_t heard_ns_ = 0, start_at_ns_ = 0;  // of the machine
+  std::int64_t last_sign_ns_ = 0, start_at_ns_ = 0;  // of the machine
   bool armed_ = false, killed_ = false;
   std::vector<Away> away_;
 };

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "tests/onboard/kill/dive_process.hpp"
 #include "tests/onboard/live/dive_files.hpp"
 
@@ -28,7 +28,7 @@ class LoggedInputs {
   const Playback& played_;
 };
 
-// The newest state that any of the lives told, of what came until then; none, when none was so old.
+// The newest state that any of the lives reported, among those until then; none if there is none so old.
 [[nodiscard]] std::optional<DiveState> newestStateUntil(const std::vector<DiveLife>& lives,
                                                         std::int64_t utc_ns);
 // Nothing of it is less; the map may take fewer tiles when its meshes have moved.

@@ -13,8 +13,8 @@
 #include <sstream>
 #include <system_error>
 
-#include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/frame_port.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 extern char** environ;
 
@@ -111,7 +111,7 @@ void DiveLife::take(const std::string& line) {
       break;
     case 'M': {
       DiveMemory& m = memory.emplace();
-      in >> m.pairs >> m.vehicle_kib >> m.mapper_kib >> m.heap_calls >> m.faults >> m.slipped >> m.shed >>
+      in >> m.pairs >> m.vehicle_kib >> m.mapper_kib >> m.heap_calls >> m.faults >> m.skipped >> m.shed >>
           m.state_kib >> m.saving_ms;
       break;
     }

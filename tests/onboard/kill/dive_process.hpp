@@ -13,7 +13,7 @@
 
 namespace fathom::test {
 
-// The ship above the vehicle: hears its frames and answers when it is its turn. It outlives the program.
+// The ship above the vehicle: receives its frames and answers when it is its turn. It outlives the program.
 class Ship {
  public:
   Ship() : link_(std::nullopt, std::nullopt) {}
@@ -26,7 +26,7 @@ class Ship {
   telemetry::ShipLink link_;
 };
 
-// One life of the program, and what it told of itself.
+// One life of the program, and its own reports.
 struct DiveLife {
   std::int64_t spawned_ns = 0, armed_ns = 0, navigates_ns = 0, caught_up_ns = 0;  // monotonic; 0: did not
   std::int64_t navigates_utc_ns = 0;                                              // by the vehicle's clock

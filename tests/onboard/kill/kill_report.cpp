@@ -1,10 +1,10 @@
 // Kills the program on a dive again and again, with SIGKILL at random instants: while it begins, while it
-// catches up, about the time when a state is saved, and in between; starts it again at once, and tells how
+// catches up, about the time when a state is saved, and in between; starts it again at once, and reports how
 // long it took, what was lost, and whether the recording replays to the same bytes.
 //
 // The program is the live one, its devices played from the mission at their real rate in the
-// vehicle's time, which goes on over the restarts; a ship answers. Exit status 1 when something older than a
-// second was lost, a life did not navigate in 3 s or its mapper did not follow in 10 s, or the replay
+// vehicle's time, which continues over the restarts; a ship answers. Exit status 1 when something older than
+// a second was lost, a life did not navigate in 3 s or its mapper did not follow in 10 s, or the replay
 // differs.
 #include "tests/onboard/kill/kill_report.hpp"
 
@@ -16,9 +16,10 @@
 #include <fstream>
 #include <random>
 
-#include "firmware_if/files/mission.hpp"
-#include "realtime/kernel/input_error.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "firmware_if/mission/mission.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "tests/onboard/kill/dive_check.hpp"
 #include "tests/support/heap_counter.hpp"
@@ -28,11 +29,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kSecond = 1'000'000'000;         // [ns]
-constexpr std::int64_t kMayBeLost_ns = kSecond;         // before a kill
-constexpr std::int64_t kShown_ns = kSecond / 2;         // until what the mapper shows is what it has
-constexpr double kLead_s = 1.5;                         // from the start to the mission's first input
-constexpr std::int64_t kLongestWait_ns = 60 * kSecond;  // for a program that does not come back
+constexpr std::int64_t kMayBeLost_ns = kSecond_ns;         // before a kill
+constexpr std::int64_t kShown_ns = kSecond_ns / 2;         // until what the mapper shows is what it has
+constexpr double kLead_s = 1.5;                            // from the start to the mission's first input
+constexpr std::int64_t kLongestWait_ns = 60 * kSecond_ns;  // for a program that does not come back
 // Of its start until it navigates, and until the mapper follows. [s]
 constexpr double kNavigates_s = 3, kFollows_s = 10;
 
@@ -178,7 +178,7 @@ bool print(const std::vector<Row>& rows, const LoggedInputs& logged, std::int64_
 }
 
 // Plays the mission, flown forward and back, until so many pairs are mapped, at a multiple of its pace; then
-// kills the program, so that it goes on with that much behind it, at its own pace.
+// kills the program, so that it continues with that much behind it, at its own pace.
 bool playLong(const Options& options, DiveOrders& orders, Ship& ship) {
   const std::int64_t utc_offset_ns = rt::VehicleClock::systemOffsetNs();
   const rt::VehicleClock fast(utc_offset_ns, options.rate);
@@ -187,18 +187,18 @@ bool playLong(const Options& options, DiveOrders& orders, Ship& ship) {
   orders.leg_pairs = options.leg_pairs;
   orders.from_s = options.from_s;
   orders.shift_ns = fast.utcNs() + static_cast<std::int64_t>(kSetUp_s * options.rate * 1e9);
-  std::uint64_t told = 0;
+  std::uint64_t shown = 0;
   std::printf("%9s %6s %12s %12s %11s %7s %8s %10s %10s\n", "pairs", "shed", "vehicle KiB", "mapper KiB",
-              "heap calls", "faults", "slipped", "state KiB", "saving ms");
+              "heap calls", "faults", "skipped", "state KiB", "saving ms");
   DiveProcess process(orders, ship);
   const bool runs = process.listen([&](const DiveLife& life, std::int64_t) {
-    if (life.memory && life.memory->pairs >= told) {
-      told = life.memory->pairs + options.after_pairs / 20;
+    if (life.memory && life.memory->pairs >= shown) {
+      shown = life.memory->pairs + options.after_pairs / 20;
       const DiveMemory& m = *life.memory;
       const auto number = [](std::uint64_t n) { return static_cast<unsigned long long>(n); };
       std::printf("%9llu %6llu %+12lld %+12lld %11llu %7llu %8llu %10llu %10.1f\n", number(m.pairs),
                   number(m.shed), static_cast<long long>(m.vehicle_kib), static_cast<long long>(m.mapper_kib),
-                  number(m.heap_calls), number(m.faults), number(m.slipped), number(m.state_kib),
+                  number(m.heap_calls), number(m.faults), number(m.skipped), number(m.state_kib),
                   m.saving_ms);
       std::fflush(stdout);
     }
@@ -284,8 +284,7 @@ int report(const Options& options) {
   rows.push_back({last.life(), {}});
   const DivePlayback playback(orders, clock);
   const bool good = print(rows, LoggedInputs(dive_folder, playback.get()), first_due_ns) && mappers_good;
-  std::printf("ship: %llu frames, began anew %llu times\n",
-              static_cast<unsigned long long>(ship.counters().frames),
+  std::printf("ship: %llu frames, %llu restarts\n", static_cast<unsigned long long>(ship.counters().frames),
               static_cast<unsigned long long>(ship.counters().resyncs));
   if (!runs || status != kExitSuccess) {
     std::printf("the dive did not end as it should: status %d\n", status);
@@ -303,7 +302,7 @@ int report(const Options& options) {
 Report killReport() {
   static Options o;
   return {"kill",
-          "Kills the live program again and again and tells what a restart costs",
+          "Kills the live program repeatedly and reports what a restart costs",
           {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
            {"--kills", &o.kills, "how often", 1, 1000},
            {"--seed", &o.seed, "of the instants"},
@@ -314,7 +313,7 @@ Report killReport() {
            {"--last-s", &o.last_s, "life of the program that is not killed [s]"},
            {"--after-pairs", &o.after_pairs,
             "first so many, flown forward and back; then the mapper is killed as often too; no replay"},
-           {"--leg-pairs", &o.leg_pairs, "of one way, with --after-pairs", 2, 100000},
+           {"--leg-pairs", &o.leg_pairs, "of a leg, with --after-pairs", 2, 100000},
            {"--rate", &o.rate, "times as fast as the mission until then", 0.1, 100},
            {"--out", &o.out,
             "folder for the dive and its replay; what is there of an earlier report is removed"}},
@@ -331,8 +330,8 @@ Report killedDive() {
            {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"},
            {"--hard", &o.hard, "not in soft mode"},
            {"--for-s", &o.for_s, "ends by itself after so long [s]"},
-           {"--leg-pairs", &o.leg_pairs, "of one way, forward and back without end"},
-           {"--from-s", &o.from_s, "the way begins there in the mission [s]"},
+           {"--leg-pairs", &o.leg_pairs, "of a leg, forward and back without end"},
+           {"--from-s", &o.from_s, "the leg begins there in the mission [s]"},
            {"--rate", &o.clock.rate, "of the vehicle's clock"},
            {"--clock-offset-ns", &o.clock.offset_ns, "of the vehicle's clock"},
            {"--clock-begin-ns", &o.clock.begin_ns, "of the vehicle's clock"}},

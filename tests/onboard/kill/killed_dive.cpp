@@ -9,7 +9,7 @@
 #include <cstring>
 #include <ctime>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/mapper/mapper_tier.hpp"
@@ -24,9 +24,9 @@ constexpr std::int64_t kLook_ns = 10'000'000;        // until it navigates and h
 constexpr std::int64_t kSupervise_ns = 50'000'000;   // afterwards
 constexpr std::int64_t kMemory_ns = 10'000'000'000;  // between two looks at memory
 
-volatile std::sig_atomic_t told_to_end = 0;
+volatile std::sig_atomic_t end_requested = 0;
 void onSignal(int) {
-  told_to_end = 1;
+  end_requested = 1;
 }
 
 // A datagram is a frame.
@@ -66,7 +66,7 @@ void sayMemory(LiveSystem& live, const MapState& map, std::size_t resident_at_ar
       " %.1f\n",
       map.pairs, kib(rt::exactResidentBytes(), resident_at_arming),
       kib(mapper.resident, mapper.resident_at_arming), cost.heap_calls, cost.minor_faults + cost.major_faults,
-      loop != nullptr ? loop->slipped_cycles : 0, map.pairs_shed, mapper.checkpoints.bytes / 1024, saving_ms);
+      loop != nullptr ? loop->skipped_cycles : 0, map.pairs_shed, mapper.checkpoints.bytes / 1024, saving_ms);
 }
 
 void watchOver(LiveSystem& live, const rt::VehicleClock& clock, double for_s) {
@@ -78,7 +78,7 @@ void watchOver(LiveSystem& live, const rt::VehicleClock& clock, double for_s) {
   std::uint64_t begun_with = 0;
   const std::int64_t end_ns =
       for_s > 0 ? clock.monotonicNs() + static_cast<std::int64_t>(for_s * 1e9) : INT64_MAX;
-  while (told_to_end == 0 && clock.monotonicNs() < end_ns) {
+  while (end_requested == 0 && clock.monotonicNs() < end_ns) {
     const timespec rest = {0, static_cast<long>(said_ns == 0 ? kLook_ns : kSupervise_ns)};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     if (!navigates && live.hard().readForSupervisor(nav) && nav.inputs > 0) {

@@ -4,13 +4,13 @@
 #include <filesystem>
 #include <memory>
 
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "tests/onboard/live/played_devices.hpp"
 
 namespace fathom::test {
 
-// What the program on the vehicle is told, by its parent.
+// Settings of the program on the vehicle, by its parent.
 struct DiveOrders {
   std::filesystem::path folder;   // of the dive
   std::filesystem::path mission;  // that is played
@@ -44,20 +44,20 @@ int dive(const DiveOrders& orders);
 constexpr int kModemSocket = 3;
 
 // The lines, one letter and numbers each; monotonic times are the machine's.
-//   R away_s first                goes on with a dive; the first input it is given
+//   R away_s first                continues a dive; the first input it is given
 //   C checkpoint                  the mapper has begun with it
 //   F first                       a dive begins
 //   A mono_ns                     armed
 //   N mono_ns utc_ns              the hard tier has put inputs in order
 //   S mono_ns utc_ns pairs keyframes tiles arrived    after catching up, some times a second
 //   B mono_ns pid                 the mapper, that process, follows, after it did not
-//   M pairs vehicle mapper heap_calls faults slipped shed state_kib saving_ms   resident now less at arming
+//   M pairs vehicle mapper heap_calls faults skipped shed state_kib saving_ms   resident now less at arming
 //     [KiB]; of the hard tier since arming; pairs shed; the newest saved state, and what the longest took
 //   # text                        what the program says
 struct DiveMemory {
   std::uint64_t pairs = 0;
   std::int64_t vehicle_kib = 0, mapper_kib = 0;           // grown since arming
-  std::uint64_t heap_calls = 0, faults = 0, slipped = 0;  // of the hard tier since then
+  std::uint64_t heap_calls = 0, faults = 0, skipped = 0;  // of the hard tier since then
   std::uint64_t shed = 0;                                 // pairs
   std::uint64_t state_kib = 0;                            // the newest one on the disk
   double saving_ms = 0;                                   // that a state took of the map's work, at most

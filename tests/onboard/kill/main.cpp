@@ -1,6 +1,5 @@
 // onboard_kill: the report by itself, as a test runs it.
 #include "tests/onboard/kill/kill_report.hpp"
-#include "tests/onboard/kill/power_report.hpp"
 
 int main(int argc, char** argv) {
   using namespace fathom::test;

@@ -2,16 +2,17 @@
 // was not flushed), boots it again on the same disk, and judges what the dive then is: log, images, map's
 // rows, slots and saved states are all torn at once, wherever their writes were. Exit status 1 when something
 // older than a second was lost, the map is less than it was, or the recording replays to something else.
-#include "tests/onboard/kill/power_report.hpp"
+#include "tests/onboard/kill/kill_report.hpp"
 
 #include <cstdio>
 #include <fstream>
 #include <random>
 #include <sstream>
 
-#include "firmware_if/log/recording_gap.hpp"
-#include "realtime/kernel/vehicle_clock.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/kernel/time/vehicle_clock.hpp"
 #include "tests/onboard/kill/dive_check.hpp"
+#include "tests/support/recording_gaps.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/uml/machine.hpp"
 
@@ -20,10 +21,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kBoot_s = 6;      // from the first machine's start to the mission's first input
-constexpr double kMostLost_s = 1;  // before the cut
-constexpr double kShown_s = 1;     // before the cut: of what was shown later the disk may not know
-constexpr double kGoesOn_s = 12;   // that the dive goes on for
+constexpr double kBoot_s = 6;        // from the first machine's start to the mission's first input
+constexpr double kMostLost_s = 1;    // before the cut
+constexpr double kShown_s = 1;       // before the cut: of what was shown later the disk may not know
+constexpr double kContinues_s = 12;  // for which the dive continues
 constexpr const char* kMachine = "--memory 1024 --limit 150 --disk ";
 
 struct Options {
@@ -77,12 +78,12 @@ Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
   cut.before = readLife(folder.path() / "before");
   cut.before.ended_utc_ns = cut_ns;
   const uml::MachineRun second = uml::runMachine(
-      kMachine + disk.string() + " -- bash -c '" + dive("after", " --for-s=" + std::to_string(kGoesOn_s)) +
+      kMachine + disk.string() + " -- bash -c '" + dive("after", " --for-s=" + std::to_string(kContinues_s)) +
       " && cp -a $FATHOM_UML_DISK/dive " + folder.path().string() + "'");
   cut.after = readLife(folder.path() / "after");
   std::istringstream mapper(second.output);
   for (std::string line; std::getline(mapper, line);) cut.after.said.push_back(line);
-  if (second.status != 0) cut.wrong.push_back("the machine that goes on: " + second.output);
+  if (second.status != 0) cut.wrong.push_back("the machine that continues: " + second.output);
   if (second.status != 0) return cut;
 
   const auto require = [&](bool good, const std::string& what) {
@@ -90,7 +91,7 @@ Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
   };
   cut.lost_s = LoggedInputs(folder.path() / "dive", played).oldestLost(cut.before);
   require(cut.lost_s <= kMostLost_s, "more than a second is lost");
-  require(cut.after.navigates_ns > 0, "the dive did not go on");
+  require(cut.after.navigates_ns > 0, "the dive did not continue");
   require(!cut.after.states.empty(), "the map did not follow");
   const auto was = newestStateUntil({cut.before}, cut_ns - static_cast<std::int64_t>(kShown_s * 1e9));
   if (was && !cut.after.states.empty()) {
@@ -98,7 +99,7 @@ Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
     now.arrived = was->arrived;  // there is no ship
     require(holdsAllOf(now, *was), "the map is less than it was");
   }
-  const io::RecordingGaps gaps = io::readGaps(folder.path() / "dive");
+  const test::RecordingGaps gaps = test::readGaps(folder.path() / "dive");
   if (gaps.images + gaps.inputs == 0)
     for (const std::string& name : replayDifferences(folder.path() / "dive", config, folder.path() / "again"))
       cut.wrong.push_back("the replay differs: " + name);
@@ -124,7 +125,7 @@ int report(const Options& options) {
       return (before.empty() ? "-" : std::to_string(before.back().*what)) + ">" +
              (after.empty() ? "-" : std::to_string(after.back().*what));
     };
-    std::printf("%3d %7.2f %9s %6s %9s %9s %6.2f%s\n", i + 1, after_s, cut.after.resumed ? "yes" : "anew",
+    std::printf("%3d %7.2f %9s %6s %9s %9s %6.2f%s\n", i + 1, after_s, cut.after.resumed ? "yes" : "no",
                 cut.after.from ? std::to_string(*cut.after.from).c_str() : "-",
                 change(&DiveState::pairs).c_str(), change(&DiveState::keyframes).c_str(), cut.lost_s,
                 cut.wrong.empty() ? "" : "  BAD");
@@ -142,7 +143,7 @@ int report(const Options& options) {
 Report powerReport() {
   static Options o;
   return {"power",
-          "Cuts the power of the machine on which the live program dives, and lets it go on",
+          "Cuts the power of the machine on which the live program dives, and lets it continue",
           {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
            {"--cuts", &o.cuts, "how often", 1, 1000},
            {"--seed", &o.seed, "of the instants, and of what the drive loses"},

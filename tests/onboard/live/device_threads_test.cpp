@@ -1,4 +1,5 @@
 #include "realtime/onboard/live/devices/device_threads.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gmock/gmock.h>
 #include <sys/resource.h>
@@ -11,7 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include "realtime/kernel/clock.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
 #include "telemetry/wire/bundle.hpp"
 
@@ -23,10 +24,8 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-
 // Time as the test has it: device threads ask it, and nothing sleeps by it.
-struct MadeClock final : rt::Clock {
+struct SteppedClock final : rt::Clock {
   std::atomic<std::int64_t> now{1};
   [[nodiscard]] std::int64_t monotonicNs() const noexcept override { return now; }
   [[nodiscard]] std::int64_t utcNs() const noexcept override { return now; }
@@ -42,7 +41,7 @@ template <class Done>
   return false;
 }
 
-// Throws in each poll as long as it is told to; else gives a sample.
+// Throws in each poll while `throws`; else gives a sample.
 struct ThrowingSource final : io::SampleSource {
   std::atomic<bool> throws{true};
   std::atomic<std::int64_t> arrival_ns{7};
@@ -92,8 +91,8 @@ std::uint64_t pollFailures(const io::DeviceHealth& health) {
   return 0;
 }
 
-TEST(DeviceThreads, ADeviceWhosePollThrowsIsLetGoToldOfAndTriedAgainAtGrowingIntervals) {
-  MadeClock clock;
+TEST(DeviceThreads, ADeviceThatThrowsIsReleasedReportedAndTriedAgainAtGrowingIntervals) {
+  SteppedClock clock;
   rt::Heartbeat heart;
   InputRing inputs;
   ThrowingSource source;
@@ -107,14 +106,14 @@ TEST(DeviceThreads, ADeviceWhosePollThrowsIsLetGoToldOfAndTriedAgainAtGrowingInt
   const std::uint64_t beats = heart.beats();
   ASSERT_TRUE(comesTrue([&] { return heart.beats() > beats + 1; })) << "the thread beats while it rests";
   EXPECT_EQ(source.polls, 1);
-  clock.now += kSecond;
+  clock.now += kSecond_ns;
   ASSERT_TRUE(comesTrue([&] { return pollFailures(thread.health()) == 2; }));
-  clock.now += kSecond;
+  clock.now += kSecond_ns;
   const std::uint64_t rested = heart.beats();
   ASSERT_TRUE(comesTrue([&] { return heart.beats() > rested + 1; }));
   EXPECT_EQ(source.polls, 2) << "the second rest is twice as long";
   source.throws = false;
-  clock.now += kSecond;
+  clock.now += kSecond_ns;
   ASSERT_TRUE(comesTrue([&] { return inputs.used() > 0 && thread.health().open; }));
   EXPECT_TRUE(thread.health().reason.empty());
   EXPECT_EQ(pollFailures(thread.health()), 2u);
@@ -123,8 +122,8 @@ TEST(DeviceThreads, ADeviceWhosePollThrowsIsLetGoToldOfAndTriedAgainAtGrowingInt
 }
 
 TEST(DeviceThreads, AMisdatedArrivalIsOfNow) {
-  MadeClock clock;
-  clock.now = 1000 * kSecond;
+  SteppedClock clock;
+  clock.now = 1000 * kSecond_ns;
   rt::Heartbeat heart;
   for (const std::int64_t misdated : {INT64_MAX, INT64_MIN}) {
     InputRing inputs;
@@ -137,14 +136,14 @@ TEST(DeviceThreads, AMisdatedArrivalIsOfNow) {
     io::OnboardInput input;
     EXPECT_TRUE(comesTrue([&] { return inputs.pop(input); }));
     EXPECT_LE(input.arrival_utc_ns, clock.now);
-    EXPECT_GE(input.arrival_utc_ns, clock.now - 60 * kSecond);
+    EXPECT_GE(input.arrival_utc_ns, clock.now - 60 * kSecond_ns);
     stop = true;
     runs.join();
   }
 }
 
 TEST(DeviceThreads, ACameraThatHasNoMemoryForItsSearchIsTriedAgain) {
-  MadeClock clock;
+  SteppedClock clock;
   rt::Heartbeat heart;
   InputRing stamps;
   ThrowingCamera camera;
@@ -158,7 +157,7 @@ TEST(DeviceThreads, ACameraThatHasNoMemoryForItsSearchIsTriedAgain) {
   EXPECT_THAT(std::string(thread.health().reason.view()), HasSubstr("bad_alloc"));
   EXPECT_EQ(camera.closed, 1);
   camera.throws = false;
-  clock.now += kSecond;
+  clock.now += kSecond_ns;
   EXPECT_TRUE(comesTrue([&] { return thread.health().open && camera.polls > 1; }));
   stop = true;
   runs.join();
@@ -200,7 +199,7 @@ rt::RealtimeConfig plainThreads() {
   rt::RealtimeConfig config;
   config.soft = true;
   config.device_priority = config.soft_priority = 0;
-  config.stuck_after_ns = kSecond;
+  config.stuck_after_ns = kSecond_ns;
   return config;
 }
 
@@ -211,7 +210,7 @@ TEST(WatchedThreads, ABodyThatThrowsEndsItsThreadAloneAndIsStartedAgainSayingWhy
   std::atomic<bool> other_runs{false}, stop{false};
   threads.add(rt::Tier::kBestEffort, "publisher", {}, [&](rt::Heartbeat&) {
     if (++starts < 3)
-      throw std::runtime_error("message " + std::to_string(starts.load()) + " cannot be told");
+      throw std::runtime_error("message " + std::to_string(starts.load()) + " cannot be sent");
     while (!stop) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   });
   threads.add(rt::Tier::kBestEffort, "other", {}, [&](rt::Heartbeat&) {
@@ -220,24 +219,24 @@ TEST(WatchedThreads, ABodyThatThrowsEndsItsThreadAloneAndIsStartedAgainSayingWhy
   });
   EXPECT_THAT(threads.start(), IsEmpty());
   ASSERT_TRUE(comesTrue([&] { return other_runs && threads.reasonOf("publisher") != ""; }));
-  EXPECT_EQ(threads.reasonOf("publisher"), "message 1 cannot be told");
+  EXPECT_EQ(threads.reasonOf("publisher"), "message 1 cannot be sent");
   EXPECT_EQ(threads.reasonOf("other"), "");
 
   threads.watchFrom(0);
   std::vector<std::string> events;
-  threads.look(kSecond, events);
+  threads.look(kSecond_ns, events);
   // The second start may not have thrown yet.
   std::erase(events, "publisher is stuck");
   EXPECT_THAT(events,
-              ElementsAre("publisher has left (message 1 cannot be told); started again", "other is stuck"));
-  ASSERT_TRUE(comesTrue([&] { return threads.reasonOf("publisher") == "message 2 cannot be told"; }));
+              ElementsAre("publisher has left (message 1 cannot be sent); started again", "other is stuck"));
+  ASSERT_TRUE(comesTrue([&] { return threads.reasonOf("publisher") == "message 2 cannot be sent"; }));
   events.clear();
-  threads.look(2 * kSecond, events);
+  threads.look(2 * kSecond_ns, events);
   EXPECT_THAT(events, IsEmpty()) << "the second start waits longer";
-  threads.look(3 * kSecond, events);
-  EXPECT_THAT(events, testing::Contains("publisher has left (message 2 cannot be told); started again"));
+  threads.look(3 * kSecond_ns, events);
+  EXPECT_THAT(events, testing::Contains("publisher has left (message 2 cannot be sent); started again"));
   ASSERT_TRUE(comesTrue([&] { return starts == 3; }));
-  EXPECT_EQ(threads.reasonOf("publisher"), "message 2 cannot be told") << "known after it runs again";
+  EXPECT_EQ(threads.reasonOf("publisher"), "message 2 cannot be sent") << "known after it runs again";
   stop = true;
   EXPECT_TRUE(threads.join([] { return true; }).empty());
 }
@@ -246,7 +245,7 @@ TEST(WatchedThreads, ABodyThatWorkedAndLeavesIsStartedAgainAtOnce) {
   const rt::RealtimeConfig config = plainThreads();
   WatchedThreads threads(config);
   std::atomic<int> starts{0};
-  threads.add(rt::Tier::kBestEffort, "left camera", {true, false, 10 * kSecond}, [&](rt::Heartbeat& heart) {
+  threads.add(rt::Tier::kBestEffort, "left camera", {true, 10 * kSecond_ns}, [&](rt::Heartbeat& heart) {
     heart.beat(1);
     ++starts;
     throw std::runtime_error("no memory");
@@ -255,7 +254,7 @@ TEST(WatchedThreads, ABodyThatWorkedAndLeavesIsStartedAgainAtOnce) {
   ASSERT_TRUE(comesTrue([&] { return threads.reasonOf("left camera") != ""; }));
   threads.watchFrom(0);
   std::vector<std::string> events;
-  threads.look(kSecond / 10, events);
+  threads.look(kSecond_ns / 10, events);
   EXPECT_THAT(events, ElementsAre("left camera has left (no memory); started again"));
   ASSERT_TRUE(comesTrue([&] { return starts == 2; }));
   EXPECT_TRUE(threads.join([] { return true; }).empty());
@@ -272,9 +271,9 @@ TEST(WatchedThreads, ABodyThatHangsIsNamedWhenItHasBeenWaitedForAndIsLeftBehindA
   threads.watchFrom(0);
   const auto twice = [](std::int64_t limit_ns) { return 2 * limit_ns; };
   std::vector<std::string> events;
-  threads.look(kSecond, events);
+  threads.look(kSecond_ns, events);
   EXPECT_EQ(threads.hanging(twice), "");
-  threads.look(2 * kSecond, events);
+  threads.look(2 * kSecond_ns, events);
   EXPECT_EQ(threads.hanging(twice), "modem");
   EXPECT_THAT(threads.join([] { return true; }), ElementsAre("modem")) << "no longer than its limit";
   stop = true;
@@ -284,13 +283,13 @@ TEST(WatchedThreads, ABodyThatHangsIsNamedWhenItHasBeenWaitedForAndIsLeftBehindA
 TEST(WatchedThreads, ABodyThatIsNotToBeStartedAgainIsGivenUpWithItsReason) {
   const rt::RealtimeConfig config = plainThreads();
   WatchedThreads threads(config);
-  threads.add(rt::Tier::kBestEffort, "vision", {false, false},
+  threads.add(rt::Tier::kBestEffort, "vision", {false},
               [&](rt::Heartbeat&) { throw std::length_error("no such square"); });
   EXPECT_THAT(threads.start(), IsEmpty());
   EXPECT_TRUE(threads.join([] { return true; }).empty());
   threads.watchFrom(0);
   std::vector<std::string> events;
-  threads.look(kSecond, events);
+  threads.look(kSecond_ns, events);
   EXPECT_THAT(events, ElementsAre("vision has left (no such square); going on without it"));
 }
 
@@ -311,14 +310,14 @@ TEST(WatchedThreads, ThreadsThatTheSystemDoesNotGiveAreNamed) {
   EXPECT_EXIT(::_exit(startWithoutThreads()), testing::ExitedWithCode(0), "");
 }
 
-// Gives the modem frames that it was told to, and keeps what it is to send.
-struct MadeModem final : FramePort {
-  std::vector<std::vector<std::uint8_t>> heard;
+// Gives the modem's received frames, and keeps the sent ones.
+struct SyntheticModem final : FramePort {
+  std::vector<std::vector<std::uint8_t>> received;
   std::size_t given = 0;
   bool send(std::span<const std::uint8_t>) noexcept override { return true; }
   std::size_t receive(std::span<std::uint8_t> buffer) noexcept override {
-    if (given == heard.size()) return 0;
-    const auto& frame = heard[given++];
+    if (given == received.size()) return 0;
+    const auto& frame = received[given++];
     std::copy(frame.begin(), frame.end(), buffer.begin());
     return frame.size();
   }
@@ -326,7 +325,7 @@ struct MadeModem final : FramePort {
 };
 
 TEST(DeviceThreads, EveryLinkFrameOfABundleIsAnInput) {
-  MadeModem modem;
+  SyntheticModem modem;
   std::vector<std::uint8_t> bundle(FramePort::kMaxFrameBytes);
   telemetry::ModemFrameWriter writer(bundle, true);
   for (const std::uint8_t size : {40, 250, 30}) {
@@ -334,8 +333,8 @@ TEST(DeviceThreads, EveryLinkFrameOfABundleIsAnInput) {
     writer.add(size);
   }
   bundle.resize(writer.finish());
-  modem.heard = {bundle, std::vector<std::uint8_t>(32, 7), std::vector<std::uint8_t>(2000, 8)};
-  MadeClock clock;
+  modem.received = {bundle, std::vector<std::uint8_t>(32, 7), std::vector<std::uint8_t>(2000, 8)};
+  SteppedClock clock;
   rt::Heartbeat heart;
   InputRing inputs;
   const auto outgoing = std::make_unique<ModemRing>();

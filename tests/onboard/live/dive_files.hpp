@@ -10,7 +10,7 @@
 
 namespace fathom::test {
 
-// What tells the samples of a dive apart, played and logged.
+// Identity of a dive's sample, played or logged.
 struct InputKey {
   std::size_t kind = 0;
   int side = 0;  // of a camera

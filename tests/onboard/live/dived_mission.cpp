@@ -18,9 +18,9 @@ DivedMission::DivedMission(fs::path mission)
       clock_(rt::VehicleClock::systemOffsetNs(), kRate),
       played_(mission_, clock_, kLead_s * kRate - kFrom_s) {}
 
-std::unique_ptr<LiveSystem> DivedMission::start(const fs::path& folder, bool anew, const std::string& more,
-                                                double stuck_after_s) {
-  LiveSetup setup = liveSetup(mission_, folder, anew, more, stuck_after_s);
+std::unique_ptr<LiveSystem> DivedMission::start(const fs::path& folder, bool clear_folder,
+                                                const std::string& more, double stuck_after_s) {
+  LiveSetup setup = liveSetup(mission_, folder, clear_folder, more, stuck_after_s);
   const std::int64_t now = clock_.utcNs();
   for (played_.first = 0; played_.first < played_.inputs.size() && played_.dueNs(played_.first) < now;)
     ++played_.first;

@@ -20,8 +20,8 @@ class DivedMission {
   explicit DivedMission(std::filesystem::path mission);
 
   // The system that dives in `folder`, its devices where the mission is now.
-  [[nodiscard]] std::unique_ptr<onboard::LiveSystem> start(const std::filesystem::path& folder, bool anew,
-                                                           const std::string& more = "",
+  [[nodiscard]] std::unique_ptr<onboard::LiveSystem> start(const std::filesystem::path& folder,
+                                                           bool clear_folder, const std::string& more = "",
                                                            double stuck_after_s = 30);
   // Supervises until `done`, or `most_s` of the vehicle's time have passed: whether it came true. What the
   // supervisor says goes to said().

@@ -1,30 +1,31 @@
-// When the mapper is killed, started again, and with what; and what the vehicle does for itself meanwhile.
-#include "realtime/onboard/mapper/mapper_keeper.hpp"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <csignal>
+#include <memory>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/live/devices/own_status.hpp"
 #include "realtime/onboard/live/dive_lock.hpp"
 #include "realtime/onboard/live/part_states.hpp"
+#include "realtime/onboard/mapper/input_feed.hpp"
+#include "realtime/onboard/mapper/mapper_keeper.hpp"
 #include "telemetry/wire/bundle.hpp"
 #include "tests/support/test_data.hpp"
 
+// When the mapper is killed, started again, and with what; and what the vehicle does for itself meanwhile.
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;
-
-// A mapper that does what it is told, seen ten times a second.
+// A mapper that obeys its keeper, observed ten times a second.
 class Kept : public testing::Test {
  protected:
   MapperKeeper::Orders look() {
-    seen.now_ns += kSecond / 10;
+    seen.now_ns += kSecond_ns / 10;
     const MapperKeeper::Orders orders = keeper.step(seen);
     if (orders.kill) seen.running = false;
     if (orders.start) {
@@ -40,7 +41,7 @@ class Kept : public testing::Test {
     for (int k = 0; k < 1000; ++k) {
       const MapperKeeper::Orders orders = look();
       if (!orders.start) continue;
-      anew = anew || orders.anew;
+      from_empty = from_empty || orders.from_empty;
       return static_cast<double>(seen.now_ns - from) * 1e-9;
     }
     ADD_FAILURE() << "never started";
@@ -55,13 +56,13 @@ class Kept : public testing::Test {
   MapperKeeper::Orders die() {
     seen.running = false;
     const MapperKeeper::Orders orders = look();
-    anew = anew || orders.anew;
+    from_empty = from_empty || orders.from_empty;
     return orders;
   }
 
   MapperKeeper keeper{MapperKeeper::Config{}};
   MapperKeeper::Seen seen;
-  bool anew = false;
+  bool from_empty = false;
 };
 
 TEST_F(Kept, IsStartedAtOnceAndAgainAtOnceAfterItHadGotFurther) {
@@ -125,16 +126,16 @@ TEST_F(Kept, HasTimeToMakeItsPoolsAndToLoad) {
   EXPECT_FALSE(seen.running) << "but not for ever";
 }
 
-TEST_F(Kept, WaitsLongerAndLongerWhenItGetsNoFurtherAndAtLastBeginsAnew) {
+TEST_F(Kept, WaitsLongerAndLongerWhenItGetsNoFurtherAndAtLastBeginsEmpty) {
   (void)waitForStart();
   follow(50);
   std::vector<double> waits;
   ASSERT_TRUE(die().start);
-  while (!anew && waits.size() < 20) {
+  while (!from_empty && waits.size() < 20) {
     EXPECT_FALSE(die().start);
     waits.push_back(waitForStart());
   }
-  EXPECT_TRUE(anew);
+  EXPECT_TRUE(from_empty);
   EXPECT_EQ(waits.size(), 6U);
   EXPECT_LE(waits.front(), 0.3);
   EXPECT_GT(waits.back(), 1.0);
@@ -176,7 +177,7 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
   telemetry::Status status;
   status.health = telemetry::kHealthNoMap;
   OutgoingFrame frame;
-  std::int64_t now = 1000 * kSecond;
+  std::int64_t now = 1000 * kSecond_ns;
   own.set(status, true);
   EXPECT_FALSE(own.next(now, frame));
   // The mapper's last frame.
@@ -186,18 +187,18 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
       {config.identity, 500, telemetry::MessageType::kTrack, false}, payload, last.bytes));
   own.sent(now, last.data(), false);
   own.set(status, false);
-  EXPECT_FALSE(own.next(now += 10 * kSecond, frame)) << "it may come back at once";
+  EXPECT_FALSE(own.next(now += 10 * kSecond_ns, frame)) << "it may come back at once";
   std::vector<std::uint16_t> sequences;
   for (int k = 0; k < 100; ++k) {
-    now += kSecond;
+    now += kSecond_ns;
     if (!own.next(now, frame)) continue;
     const telemetry::DecodedFrame d = decoded(frame);
     ASSERT_EQ(d.verdict, telemetry::FrameVerdict::kAccepted);
     EXPECT_EQ(d.header.type, telemetry::MessageType::kStatus);
     EXPECT_EQ(d.header.identity, config.identity);
-    telemetry::Status told;
-    ASSERT_TRUE(telemetry::decodeStatus(d.payload, told));
-    EXPECT_NE(told.health & telemetry::kHealthNoMap, 0);
+    telemetry::Status sent;
+    ASSERT_TRUE(telemetry::decodeStatus(d.payload, sent));
+    EXPECT_NE(sent.health & telemetry::kHealthNoMap, 0);
     sequences.push_back(d.header.sequence());
     own.sent(now, frame.data(), true);
   }
@@ -208,7 +209,7 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
   ASSERT_TRUE(own.nextVersion(free));
   EXPECT_EQ(static_cast<std::uint16_t>(free), sequences.back() + 1);
   own.set(status, true);
-  EXPECT_FALSE(own.next(now + 1000 * kSecond, frame));
+  EXPECT_FALSE(own.next(now + 1000 * kSecond_ns, frame));
 }
 
 TEST(OwnStatus, SpeaksInBundlesWhereTheModemsFramesAreOfOneSizeAndCountsThoseOfTheMapper) {
@@ -223,9 +224,9 @@ TEST(OwnStatus, SpeaksInBundlesWhereTheModemsFramesAreOfOneSizeAndCountsThoseOfT
     modem.add(telemetry::encodeFrame({config.identity, sequence, telemetry::MessageType::kTrack, false},
                                      payload, modem.room()));
   frame.size = static_cast<std::uint16_t>(modem.finish());
-  own.sent(1000 * kSecond, frame.data(), false);
+  own.sent(1000 * kSecond_ns, frame.data(), false);
   own.set({}, false);
-  ASSERT_TRUE(own.next(1100 * kSecond, frame));
+  ASSERT_TRUE(own.next(1100 * kSecond_ns, frame));
   EXPECT_EQ(frame.size, config.padded_bytes);
   EXPECT_EQ(telemetry::paddedBytes(frame.data()), config.padded_bytes);
   telemetry::LinkFrames link_frames(frame.data());
@@ -261,6 +262,53 @@ TEST(DiveLock, LetsOneProgramDiveInAFolderAndNamesItToTheNext) {
   }
   EXPECT_FALSE(DiveLock::holder(folder.path()).has_value());
   const DiveLock again(folder.path());
+}
+
+}  // namespace
+
+namespace {
+
+// Bytes that a failing mapper may have written.
+TEST(MapperUp, WhatNoMapperShowsIsIgnored) {
+  const auto up = std::make_unique<MapperUp>();
+  MapState shown;
+  EXPECT_FALSE(up->readMap(shown));
+  MapState good;
+  good.pairs = 7;
+  up->state.write(good);
+  ASSERT_TRUE(up->readMap(shown));
+  EXPECT_EQ(shown.pairs, 7U);
+  const auto refuses = [&](auto spoil) {
+    MapState bad;
+    bad.pairs = 8;
+    spoil(bad);
+    up->state.write(bad);
+    EXPECT_FALSE(up->readMap(shown));
+    EXPECT_EQ(shown.pairs, 7U);
+  };
+  refuses([](MapState& s) { s.T_nav_odom = SE3(Eigen::Quaterniond(NAN, 0, 0, 0), Eigen::Vector3d::Zero()); });
+  refuses([](MapState& s) { s.T_nav_odom = SE3(Eigen::Quaterniond::Identity(), {0, NAN, 0}); });
+  refuses([](MapState& s) { s.mapped_area = INFINITY; });
+  refuses([](MapState& s) { s.status.north = NAN; });
+  up->phase = kMapperPhases;
+  EXPECT_EQ(up->current(), MapperPhase::kRefused);
+}
+
+TEST(InputFeed, GoesOnWithoutWhatNeitherMemoryNorDiskHasInTimeAndCountsIt) {
+  const test::TemporaryFolder folder;
+  const auto down = std::make_unique<MapperDown>();
+  InputFeed feed(folder.path(), *down, 0);
+  constexpr std::uint64_t kMore = 100;
+  for (std::uint64_t i = 0; i < InputBroadcast::capacity() + kMore; ++i)
+    down->inputs.push({static_cast<std::int64_t>(i), io::Tick{}});
+  io::OnboardInput input;
+  ASSERT_TRUE(feed.next(input));
+  const auto first = static_cast<std::uint64_t>(input.arrival_utc_ns);
+  EXPECT_EQ(first, InputBroadcast::capacity() / 2 + kMore);
+  EXPECT_EQ(feed.passedOver(), first);
+  EXPECT_EQ(feed.skipped(), first);
+  ASSERT_TRUE(feed.next(input));
+  EXPECT_EQ(feed.position(), first + 2);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 
 #include <csignal>
 
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "tests/onboard/live/dived_mission.hpp"
 
 namespace fathom::onboard {
@@ -108,17 +108,17 @@ TEST_F(Mapper, WhileThereIsNoneTheVehicleSaysSo) {
       *live, [&] { return maps(); }, 60));
   finish();
   std::uint64_t damaged = 0;
-  int lost = 0, restarts = 0, told = 0;
+  int lost = 0, restarts = 0, reported = 0;
   for (const io::OnboardInput& input : io::readOnboardInputs(folder, damaged)) {
     const auto* mark = std::get_if<io::Mark>(&input.what);
     if (mark == nullptr) continue;
     lost += mark->kind == io::Mark::Kind::kMapperLost;
     restarts += mark->kind == io::Mark::Kind::kRestart;
-    told += mark->kind == io::Mark::Kind::kHealth && (mark->number & telemetry::kHealthNoMap) != 0;
+    reported += mark->kind == io::Mark::Kind::kHealth && (mark->number & telemetry::kHealthNoMap) != 0;
   }
   EXPECT_EQ(lost, 1);
   EXPECT_EQ(restarts, 1);
-  EXPECT_GE(told, 1);
+  EXPECT_GE(reported, 1);
 }
 
 }  // namespace

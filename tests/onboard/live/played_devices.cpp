@@ -12,7 +12,7 @@
 #include <type_traits>
 #include <utility>
 
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 
 namespace fathom::test {
 namespace {
@@ -250,8 +250,8 @@ std::filesystem::path onboardProgram() {
 }
 
 onboard::LiveSetup liveSetup(const std::filesystem::path& mission_folder, const std::filesystem::path& folder,
-                             bool anew, const std::string& more, double stuck_after_s) {
-  if (anew) {
+                             bool clear_folder, const std::string& more, double stuck_after_s) {
+  if (clear_folder) {
     std::filesystem::remove_all(folder);
     std::filesystem::create_directories(folder);
     for (const char* name : {"mission.toml", "stereo.calib"})

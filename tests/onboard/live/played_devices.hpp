@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/files/mission.hpp"
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "firmware_if/mission/mission.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "tests/onboard/live/shuttle.hpp"
 
@@ -59,10 +59,10 @@ class PlayedShuttle final : public Playback {
 
 // Of a dive in `folder` with the mission and calibration of that one, in soft mode and with pools for some
 // minutes, by a configuration in a file beside the folder, `more` behind it (a busy machine must not pass for
-// a mapper that hangs: `stuck_after_s`); `anew`: what was in the folder is removed. As on a vehicle, the two
-// are there before the dive. The mapper is fathom-onboard.
+// a mapper that hangs: `stuck_after_s`); `clear_folder`: what was in the folder is removed. As on a vehicle,
+// the two are there before the dive. The mapper is fathom-onboard.
 [[nodiscard]] onboard::LiveSetup liveSetup(const std::filesystem::path& mission,
-                                           const std::filesystem::path& folder, bool anew,
+                                           const std::filesystem::path& folder, bool clear_folder,
                                            const std::string& more = "", double stuck_after_s = 30);
 // The program beside this one.
 [[nodiscard]] std::filesystem::path onboardProgram();

@@ -1,25 +1,24 @@
-// When the vehicle process ends because it cannot go on as it is.
+// When the vehicle process ends because it cannot continue.
 #include "realtime/onboard/live/program_watch.hpp"
+#include "realtime/base/units.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "realtime/onboard/live/hung_restarts.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-constexpr std::int64_t kSecond = 1'000'000'000;
 using testing::HasSubstr;
 
 class Watched : public testing::Test {
  protected:
   std::string look() {
-    now_ns += kSecond / 5;
+    now_ns += kSecond_ns / 5;
     return watch.look(now_ns, navigation, supervisor);
   }
-  ProgramWatch watch{{2 * kSecond, 5 * kSecond}};
+  ProgramWatch watch{{2 * kSecond_ns, 5 * kSecond_ns}};
   std::int64_t now_ns = 0;
   std::uint64_t navigation = 0, supervisor = 0;
 };
@@ -52,11 +51,11 @@ TEST_F(Watched, EndsWhenTheSupervisorIsSilentForItsLimit) {
 
 TEST(HungRestarts, EachIsWaitedForTwiceAsLongOverStartsOfTheProgram) {
   const test::TemporaryFolder folder;
-  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond), 4 * kSecond);
+  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond_ns), 4 * kSecond_ns);
   EXPECT_TRUE(HungRestarts(folder.path()).note());
-  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond), 8 * kSecond);
+  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond_ns), 8 * kSecond_ns);
   for (int k = 0; k < 30; ++k) EXPECT_TRUE(HungRestarts(folder.path()).note());
-  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond), 600 * kSecond);
+  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond_ns), 600 * kSecond_ns);
 }
 
 TEST(HungRestarts, WhereTheCountCannotBeKeptTheProgramDoesNotEnd) {

@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "realtime/kernel/input_error.hpp"
+#include "realtime/base/input_error.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "tests/onboard/live/dived_mission.hpp"
 
@@ -102,7 +102,7 @@ TEST_F(Resume, WithoutCheckpointsTheLogIsEnough) {
   EXPECT_EQ(begunWith(*live), 0U);
 }
 
-TEST_F(Resume, ACheckpointBeyondTheLogsEndGivesWayToTheOneBefore) {
+TEST_F(Resume, ACheckpointBeyondTheLogsEndIsPassedOverForTheOneBefore) {
   const io::MissionConfig mission = io::readMissionConfig(folder);
   const CheckpointNames names =
       checkpointNames(folder, readOnboardConfig(left().string() + ".toml", mission), mission);
@@ -122,7 +122,7 @@ TEST_F(Resume, ACheckpointBeyondTheLogsEndGivesWayToTheOneBefore) {
 }
 
 // Their checksums are right, but the files beside them are not those that they were saved with.
-TEST_F(Resume, CheckpointsThatDoNotLoadGiveWayToTheLogAndAreKept) {
+TEST_F(Resume, CheckpointsThatDoNotLoadArePassedOverForTheLogAndKept) {
   fs::resize_file(folder / "onboard.tmp" / "odometry.csv", 10);
   const auto live = comeBack();
   EXPECT_EQ(begunWith(*live), 0U);
@@ -132,7 +132,7 @@ TEST_F(Resume, CheckpointsThatDoNotLoadGiveWayToTheLogAndAreKept) {
   endAndReplay(*live, folder);
 }
 
-TEST_F(Resume, ADiveThatWasLeftGoesOnAndOneThatHasEndedDoesNot) {
+TEST_F(Resume, ADiveThatWasLeftContinuesAndOneThatHasEndedDoesNot) {
   {
     const auto live = comeBack();
     EXPECT_THAT(live->leave(40).left_out, testing::IsEmpty());

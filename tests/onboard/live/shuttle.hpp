@@ -5,14 +5,14 @@
 #include <string>
 #include <vector>
 
-#include "firmware_if/log/onboard_input.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 
 namespace fathom::test {
 
-// The first pairs of a recorded mission, flown forward, then back over the same way with the same images in
+// The first pairs of a recorded mission, flown forward, then back over the same track with the same images in
 // reverse order, then forward again, without end: a mission of any length whose sensors, images and fixes
-// agree with one another. On the way back times run on, the DVL's velocity is the opposite, and everything
-// else is what it was at the same place.
+// agree with one another. On the return track times run on, the DVL's velocity is the opposite, and
+// everything else is what it was at the same place.
 class Shuttle {
  public:
   // Inputs without samples give a shuttle without steps, which must not be asked for one.
@@ -25,7 +25,6 @@ class Shuttle {
   // Step `number` of the endless mission; arrival times never fall.
   [[nodiscard]] Step at(std::uint64_t number) const;
   [[nodiscard]] std::size_t stepsOfLeg() const { return legs_[0].size(); }
-  [[nodiscard]] std::int64_t legNs() const { return leg_ns_; }
   // The recorded images of one side, in recorded order.
   [[nodiscard]] const std::vector<std::string>& images(CameraSide side) const {
     return images_[static_cast<std::size_t>(side)];

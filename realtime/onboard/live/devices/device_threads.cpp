@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 
-#include "firmware_if/files/images/image_file.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 #include "realtime/kernel/fault_point.hpp"
-#include "realtime/kernel/tiers/rt_thread.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
 #include "telemetry/wire/bundle.hpp"
 
 namespace fathom::onboard {
@@ -19,18 +19,18 @@ io::DeviceHealth withFailures(io::DeviceHealth health) {
   return health;
 }
 
-// Arrivals order the log and tell how far its time has come: one that a device or the system misdated must
-// not take that into the future, nor years back.
+// Arrivals order the log and advance its time: an arrival that a device or the system misdated must not move
+// that into the future or years back.
 std::int64_t plausibleArrival(std::int64_t utc_ns, std::int64_t now_ns) noexcept {
-  constexpr std::int64_t kMostOnItsWay_ns = 60'000'000'000;
-  return std::clamp(utc_ns, now_ns - kMostOnItsWay_ns, now_ns);
+  constexpr std::int64_t kMostAge_ns = 60'000'000'000;
+  return std::clamp(utc_ns, now_ns - kMostAge_ns, now_ns);
 }
 
 // Into a health of withFailures().
 template <class Device>
-void tell(const Device& device, const io::PollFence& fence, io::DeviceHealth& health) {
+void refresh(const Device& device, const io::PollFence& fence, io::DeviceHealth& health) {
   device.updateHealth(health);
-  fence.tell(health);
+  fence.markFailure(health);
   health.counters.back().second = fence.failures();
 }
 
@@ -52,7 +52,7 @@ void SampleThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint("samples");
     fence_.poll(source_, kPollMs, *this, clock_.monotonicNs());
-    health_.update([&](io::DeviceHealth& health) { tell(source_, fence_, health); });
+    health_.update([&](io::DeviceHealth& health) { refresh(source_, fence_, health); });
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -79,7 +79,7 @@ void CameraThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint(name_.data());
     fence_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
-    health_.update([&](io::DeviceHealth& health) { tell(camera_, fence_, health); });
+    health_.update([&](io::DeviceHealth& health) { refresh(camera_, fence_, health); });
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -151,7 +151,7 @@ void ModemThread::send(const OutgoingFrame& frame, bool own) noexcept {
   const std::int64_t now = clock_.utcNs();
   const bool turn = links_.own->sent(now, frame.data(), own);
   (modem_.send(frame.data()) ? counters_.sent : counters_.refused).fetch_add(1, std::memory_order_relaxed);
-  // The mapper may be behind: when the ship's time to answer began it is told here.
+  // The mapper may be behind: the start of the ship's turn to answer is noted here.
   telemetry::Version next = 0;
   if (turn && !own && links_.own->nextVersion(next))
     (void)links_.inputs->push({now, io::Mark{io::Mark::Kind::kSent, next}});

@@ -10,18 +10,18 @@
 
 #include "firmware_if/devices/poll_fence.hpp"
 #include "firmware_if/recorder/recorder.hpp"
-#include "realtime/kernel/clock.hpp"
 #include "realtime/kernel/frame_port.hpp"
-#include "realtime/kernel/tiers/watchdog.hpp"
+#include "realtime/kernel/threads/watchdog.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "realtime/onboard/live/devices/frame_lender.hpp"
-#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "realtime/onboard/live/devices/input_sequencer.hpp"
 #include "realtime/onboard/live/devices/own_status.hpp"
 #include "realtime/onboard/modem/modem_ring.hpp"
 
 namespace fathom::onboard {
 
-// What a device tells about itself, from the thread that polls it to the one that reports. Both are best
-// effort as far as this goes; the hard tier never comes here.
+// A device's health, from the thread that polls it to the one that reports. Both are best effort in this
+// respect; the hard tier never uses it.
 class SharedHealth {
  public:
   explicit SharedHealth(io::DeviceHealth first) : own_(first), shown_(std::move(first)) {}
@@ -43,8 +43,8 @@ class SharedHealth {
   io::DeviceHealth own_, shown_;
 };
 
-// The thread of one device that gives samples: polls it, hands samples to the hard tier and bytes to the
-// recorder. Goes on until it is stopped, whatever the device throws (PollFence).
+// The thread of one device that gives samples: polls it, passes samples to the hard tier and bytes to the
+// recorder. Runs until it is stopped, even if the device throws (PollFence).
 class SampleThread final : public io::SampleSink {
  public:
   struct Links {
@@ -72,8 +72,8 @@ class SampleThread final : public io::SampleSink {
   SharedHealth health_;
 };
 
-// The thread of one camera: its frames go to the recorder, to the mapper, and as stamps to the hard tier.
-// Goes on until it is stopped, whatever the camera throws (PollFence).
+// The thread of one camera: passes its frames to the recorder and the mapper, their stamps to the hard tier.
+// Runs until it is stopped, even if the camera throws (PollFence).
 class CameraThread final : public io::FrameSink {
  public:
   struct Links {
@@ -97,9 +97,9 @@ class CameraThread final : public io::FrameSink {
   SharedHealth health_;
 };
 
-// The modem's thread: what the mapper gives goes out, while there is none the vehicle's own status; each link
-// frame that comes in goes to the hard tier as an input. Its port waits for a device that is not there, and
-// never throws.
+// The modem's thread: sends the mapper's frames, or the vehicle's own status while there is no mapper; each
+// received link frame goes to the hard tier as an input. Its port waits for an absent device and never
+// throws.
 class ModemThread {
  public:
   struct Links {

@@ -5,14 +5,14 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "firmware_if/camera/camera_source.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 
 namespace fathom::onboard {
 
-// One camera's frames on loan to the mapper: their blocks stay held until the mapper says that it is past
-// them. At most `most` at once: to a mapper that stalls, or is not there, newer frames are not lent, and it
-// reads them from the disk later; neither camera nor recorder waits. Only the camera's thread.
+// Lends one camera's frames to the mapper: their blocks stay held until the mapper has passed them. At most
+// `most` at once: newer frames are not lent to a mapper that stalls or is absent, which reads them from the
+// disk later; neither camera nor recorder waits. Used by the camera's thread only.
 class FrameLender {
  public:
   // The pool must outlive it. `most`: well below the pool's blocks.
@@ -25,7 +25,7 @@ class FrameLender {
   // Takes the caller's hold on the frame.
   void lend(const io::CameraFrame& frame) noexcept;
 
-  // Any thread: frames that were not lent because the mapper had not given others back.
+  // Frames that were not lent because the mapper still held too many; from any thread.
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
  private:

@@ -4,12 +4,18 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "realtime/onboard/live/devices/input_rings.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/kernel/rings/spsc_ring.hpp"
 
 namespace fathom::onboard {
 
-// Brings what many devices give into one order: the earliest arrival first among what is there, and never
-// earlier than what was given out before. In the hard tier; allocates nothing.
+// From a device's thread to the hard tier. At 100 Hz of draining and at most some hundred samples a second,
+// never more than a few wait; full only when the hard tier stands still for a second.
+using InputRing = rt::SpscRing<io::OnboardInput, 256>;
+
+// Merges the inputs of many devices into one sequence: the earliest arrival first among those that wait,
+// never earlier than what was given out before. Part of the hard tier; allocates nothing.
 class InputSequencer {
  public:
   static constexpr std::size_t kMaxRings = 12;

@@ -5,16 +5,16 @@
 #include <cstdint>
 #include <span>
 
-#include "realtime/kernel/broadcast_ring.hpp"
+#include "realtime/kernel/rings/broadcast_ring.hpp"
 #include "realtime/onboard/modem/modem_ring.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/status.hpp"
 
 namespace fathom::onboard {
 
-// The vehicle's own word to the ship while nobody maps: its status, at a slow pace, in frames whose sequence
-// numbers are beyond what a mapper may have used (noteSent of the link). The modem's thread asks and tells,
-// whoever knows the status sets it.
+// The vehicle's own status to the ship while no mapper runs, at a slow pace, in frames with sequence numbers
+// beyond those that a mapper may have used (noteSent of the link). One thread sets the status, the modem's
+// thread takes frames and reports those sent.
 class OwnStatus {
  public:
   struct Config {

@@ -3,7 +3,7 @@ import { join } from 'node:path';
 import type { Plugin } from 'vite';
 import { pageConfig } from '../vite_page';
 
-// The decoders that three loads at run time lie beside the page: nothing comes from the network.
+// The decoders that three loads at run time are beside the page: nothing comes from the network.
 function decoders(): Plugin {
   let out = '';
   return {

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 
+#include "realtime/base/units.hpp"
 #include "telemetry/monitor/codec/peers/lattice.hpp"
 
 namespace fathom::peers {
@@ -61,8 +62,8 @@ opj_stream_t* stream(Memory& memory, bool input) {
 
 // One component of whole numbers from 0 as a raw codestream; quality 0 is the reversible 5/3, otherwise 9/7
 // at so many dB.
-std::optional<Memory> encode(const std::vector<int>& values, int rows, int cols, int bits, int resolutions,
-                             float quality) {
+std::optional<Memory> encodeImage(const std::vector<int>& values, int rows, int cols, int bits,
+                                  int resolutions, float quality) {
   opj_image_cmptparm_t form{};
   form.dx = form.dy = 1;
   form.w = static_cast<OPJ_UINT32>(cols);
@@ -97,7 +98,7 @@ std::optional<Memory> encode(const std::vector<int>& values, int rows, int cols,
   return memory;
 }
 
-std::optional<std::vector<int>> decode(Memory memory) {
+std::optional<std::vector<int>> decodeImage(Memory memory) {
   memory.at = 0;
   const std::unique_ptr<opj_codec_t, Release> codec(opj_create_decompress(OPJ_CODEC_J2K));
   opj_dparameters_t parameters;
@@ -144,10 +145,9 @@ constexpr int kMostResolutions = 6;
 bool consider(const Lattice& lattice, const Whole& whole, int resolutions, float quality, std::size_t mask,
               double max_error, PeerResult& best) {
   const auto start = std::chrono::steady_clock::now();
-  const auto memory = encode(whole.values, lattice.rows, lattice.cols, whole.bits, resolutions, quality);
-  const double ms =
-      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  const auto values = memory ? decode(*memory) : std::nullopt;
+  const auto memory = encodeImage(whole.values, lattice.rows, lattice.cols, whole.bits, resolutions, quality);
+  const double ms = 1e3 * rt::secondsSince(start);
+  const auto values = memory ? decodeImage(*memory) : std::nullopt;
   if (!values || values->size() != lattice.depth.size()) return false;
   const Errors e = errors(lattice, heights(whole, *values));
   if (e.max > max_error) return false;

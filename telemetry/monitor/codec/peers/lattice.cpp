@@ -112,8 +112,7 @@ Errors errors(const Lattice& lattice, std::span<const float> depth) {
 
 std::vector<PeerResult> allPeers(const Lattice& lattice, double max_error) {
   return {dracoGrid(lattice, max_error), dracoWholeNumbers(lattice, max_error),
-          dracoSimplified(lattice, max_error), jpeg2000Reversible(lattice, max_error),
-          jpeg2000Irreversible(lattice, max_error)};
+          jpeg2000Reversible(lattice, max_error), jpeg2000Irreversible(lattice, max_error)};
 }
 
 }  // namespace fathom::peers

@@ -20,10 +20,10 @@ struct Lattice {
   }
 };
 
-// What a peer makes of it: whole, at most `max_error` off at every node; no frames, no CRC, no position.
+// A peer's result for a whole lattice within `max_error` at every node; without frames, check and position.
 struct PeerResult {
   std::string name;
-  std::string setting;    // that gave the fewest bytes
+  std::string setting;    // with the fewest bytes
   std::size_t bytes = 0;  // 0: nothing held the error
   double max_error = 0;   // over the nodes sent [m]
   double rms_error = 0;   // [m]
@@ -33,7 +33,7 @@ struct PeerResult {
 
 // Two triangles a cell whose four nodes are there, one where three are.
 [[nodiscard]] Mesh latticeMesh(const Lattice& lattice);
-// Holes filled smoothly from their rims (membrane), for coders that know no holes.
+// The lattice with its holes filled smoothly from their borders (membrane), for coders without holes.
 [[nodiscard]] Lattice filled(const Lattice& lattice);
 // Bytes of the mask of seen nodes under an adaptive arithmetic coder with a context of ten neighbours, as
 // JBIG has (ITU-T T.82); 0 for a full lattice.
@@ -48,11 +48,8 @@ struct Errors {
 
 // Draco, speed 0, the fewest bits of quantisation that hold the error: of the regular grid as a mesh.
 [[nodiscard]] PeerResult dracoGrid(const Lattice& lattice, double max_error);
-// The same with whole numbers for places and steps of twice the error for heights: nothing lost to the
-// places.
+// The same with whole numbers for places, which lose nothing, and steps of twice the error for heights.
 [[nodiscard]] PeerResult dracoWholeNumbers(const Lattice& lattice, double max_error);
-// After quadric simplification (OpenMesh) of the filled lattice, and the mask's bytes.
-[[nodiscard]] PeerResult dracoSimplified(const Lattice& lattice, double max_error);
 // JPEG 2000 (OpenJPEG), reversible 5/3 on heights in steps of twice the error, and the mask's bytes.
 [[nodiscard]] PeerResult jpeg2000Reversible(const Lattice& lattice, double max_error);
 // Irreversible 9/7, the lowest quality that holds the error, and the mask's bytes.
@@ -60,8 +57,5 @@ struct Errors {
 
 // All of them, in this order.
 [[nodiscard]] std::vector<PeerResult> allPeers(const Lattice& lattice, double max_error);
-
-// Simplifies a filled lattice's mesh to about so many vertices by quadric error, corners kept.
-[[nodiscard]] Mesh simplify(const Mesh& mesh, std::size_t vertices);
 
 }  // namespace fathom::peers

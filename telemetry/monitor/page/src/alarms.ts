@@ -1,7 +1,7 @@
 import type { MonitorState } from './api';
 import { duration } from '#kit/format';
 
-// What the watch should be told of, and what it has answered. Pure: the panel draws it.
+// The alarms for the watch on the ship, and which of them are acknowledged. Pure: the panel draws them.
 
 export interface Thresholds {
   silence_s: number; // no frame for so long
@@ -28,7 +28,7 @@ export const THRESHOLD_LABELS: Record<keyof Thresholds, [label: string, unit: st
 };
 
 const UNREADABLE_FRAMES = 5; // before any that can be read
-const CLOCKS_APART_S = 120; // more than any frame is under way
+const CLOCKS_APART_S = 120; // more than any frame is in transit
 
 export interface Alarm {
   id: string;
@@ -58,9 +58,9 @@ export function findAlarms(state: MonitorState, age: number | null, t: Threshold
   else if (state.link.accepted === 0 && (rejected['bad-tag'] ?? 0) >= UNREADABLE_FRAMES)
     raise('key', true, 'Frames come that cannot be proven: the vehicle has another key, or they are damaged');
   if ((rejected['old'] ?? 0) > 0)
-    raise('old', false, 'Frames of an earlier dive are heard: played again, or the vehicle\'s clock was set back (then give another --out)');
+    raise('old', false, 'Frames of an earlier dive arrive: played again, or the vehicle\'s clock was set back (then give another --out)');
   if (state.downlink.paused) raise('paused', false, 'The map is paused, as asked');
-  if (state.not_kept) raise('disk', true, `This computer does not keep what it hears: ${state.not_kept}`);
+  if (state.not_kept) raise('disk', true, `This computer does not store what it receives: ${state.not_kept}`);
   if (!state.recorded && state.clocks_apart_s !== null && Math.abs(state.clocks_apart_s) > CLOCKS_APART_S)
     raise('clocks', true, `The vehicle's clock and this computer's are ${duration(Math.abs(state.clocks_apart_s))} apart`);
   if (state.mission?.schema_differs)

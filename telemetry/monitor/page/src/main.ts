@@ -65,7 +65,7 @@ let failure: unknown = null;
 const sinceState = (): number => (state?.recorded ? 0 : (performance.now() - stateAt) / 1000);
 const now = (): number => (state?.now_utc_s ?? 0) + sinceState();
 
-// The map, and the vehicle while it works near it: a dive's way down would make the map small.
+// The map, and the vehicle while it works near it: a dive's descent would make the map small.
 function everything(): THREE.Box3 {
   const box = seafloor.bounds();
   if (box.isEmpty()) box.union(vehicle.trackBox);
@@ -114,7 +114,7 @@ function showClock(): void {
   Object.assign(document.body.dataset, { frame: view.frameTime.toFixed(2), triangles: String(triangles), bytes: String(seafloor.bytes) });
 }
 
-function beginAnew(next: string): void {
+function restart(next: string): void {
   epoch = next;
   mapVersion = 0;
   trackPoints = slowVersion = -1;
@@ -127,7 +127,7 @@ function beginAnew(next: string): void {
 async function takeMap(): Promise<void> {
   while (state && state.map_version !== mapVersion) {
     const { epoch: from, batch } = await fetchMap(mapVersion);
-    if (from !== epoch) return; // another model since the state was told: the next state says so
+    if (from !== epoch) return; // the model has changed since that state: the next state has the new one
     const { version, baseUtc, chunks } = decodeChunks(batch);
     const first = chunks.find((chunk) => chunk.vertices > 0);
     if (first && !hasOrigin) setOrigin({ north: first.north, east: first.east, depth: first.depths[0]! });
@@ -159,7 +159,7 @@ async function refreshSlow(): Promise<void> {
 async function refresh(): Promise<void> {
   state = await fetchState();
   stateAt = performance.now();
-  if (state.epoch !== epoch) beginAnew(state.epoch);
+  if (state.epoch !== epoch) restart(state.epoch);
   playback.update(state.playback);
   const s = state.status;
   if (state.map_version !== mapVersion) await takeMap();

@@ -85,7 +85,7 @@ void main() {
     float step_ = depth / contour;
     float width = fwidth(step_);
     float line = abs(fract(step_ - 0.5) - 0.5) / max(width, 1e-6);
-    // Where lines would lie closer than four pixels they say nothing.
+    // Lines closer than four pixels are left out.
     float ink = (1.0 - smoothstep(0.6, 1.4, line)) * (1.0 - smoothstep(0.15, 0.3, width));
     colour = mix(colour, vec3(0.04, 0.07, 0.09), 0.55 * ink);
   }

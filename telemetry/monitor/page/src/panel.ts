@@ -86,7 +86,7 @@ export function drawPanel(state: MonitorState, age: number | null, silence: numb
     write('east', number(s.east_m, 1, 'm'));
     const m = state.mission;
     write('position', m ? positionOf(m, s.north_m, s.east_m) : 'origin not received yet');
-    write('battery', s.battery_percent === null ? 'not told' : `${s.battery_percent.toFixed(0)} %`);
+    write('battery', s.battery_percent === null ? 'unknown' : `${s.battery_percent.toFixed(0)} %`);
     bar('battery-bar', (s.battery_percent ?? 0) / 100);
     write('progress', s.mission_progress === null ? 'no plan' : `${Math.round(s.mission_progress * 100)} %`);
     bar('progress-bar', s.mission_progress ?? 0);

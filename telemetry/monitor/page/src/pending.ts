@@ -3,9 +3,9 @@ import type { Place } from '#kit/place';
 import type { Square } from './chunks';
 import { COVERAGE_COLOURS } from './material';
 
-// Squares that the vehicle has seen and the ship has not received: flat tiles at the depth that the altitude tells.
+// Squares that the vehicle has seen and the ship has not received: flat tiles at the depth that follows from the altitude.
 
-const EDGE = 0.9; // of a square of one metre, so that single squares can be told apart
+const EDGE = 0.9; // of a square of one metre, so that single squares can be distinguished
 
 export class Pending {
   readonly group = new THREE.Group();

@@ -4,7 +4,7 @@ import { robustRange } from '#kit/ramps';
 import { HAS_COLOUR, positionsOf, type Chunk } from './chunks';
 import { SeafloorMaterial, type ColourMode } from './material';
 
-// The map as one mesh a chunk, relative to the scene's origin. Only chunks that changed are built anew.
+// The map as one mesh a chunk, relative to the scene's origin. Only chunks that changed are rebuilt.
 
 export interface Ranges {
   depth: [number, number]; // [m]

@@ -3,7 +3,7 @@ import { Polyline } from '#kit/lines';
 import { toScene, type Place } from '#kit/place';
 import type { TrackPoint, VehicleStatus } from './api';
 
-// The vehicle, the line down to the seafloor below it, how well its position is known, and its track. Everything lies in
+// The vehicle, the line down to the seafloor below it, how well its position is known, and its track. Everything is in
 // the exaggerated scene; the symbol undoes the exaggeration for itself.
 
 const TRACK_COLOUR = 0xf0b95e;

@@ -5,7 +5,7 @@ import { SceneView } from '#kit/view';
 // The camera turns about a point; the vertical scale can be exaggerated.
 
 const FIELD_OF_VIEW = 40; // [deg]
-const FILL = 0.86; // of the picture, so that the map does not lie under the buttons
+const FILL = 0.86; // of the picture, so that the map is not under the buttons
 const LEAST_DISTANCE = 3; // [m]
 const UP = new THREE.Vector3(0, 1, 0);
 const OBLIQUE = new THREE.Vector3(0.35, 1.05, 0.8).normalize(); // from the south, a little east, looking down

@@ -79,10 +79,10 @@ test('alarms follow the thresholds, and silence is none in a recording', () => {
   assert.ok(!findAlarms({ ...bad, recorded: true }, 500, DEFAULT_THRESHOLDS).some((a) => a.id === 'silence'));
   const ids = (more: object): string[] => findAlarms({ ...quiet, ...more } as MonitorState, 10, DEFAULT_THRESHOLDS).map((a) => a.id);
   assert.deepEqual(ids({ not_kept: 'received.bin cannot be written' }), ['disk']);
-  const heard = (accepted: number, rejected: object): object => ({ link: { recent_loss: 0.2, accepted, rejected } });
-  assert.deepEqual(ids(heard(0, { unkeyed: 3 })), ['unkeyed']);
-  assert.deepEqual(ids(heard(0, { 'bad-tag': 9 })), ['key']);
-  assert.deepEqual(ids(heard(5, { 'bad-tag': 9, unkeyed: 3, old: 1 })), ['old']);
+  const received = (accepted: number, rejected: object): object => ({ link: { recent_loss: 0.2, accepted, rejected } });
+  assert.deepEqual(ids(received(0, { unkeyed: 3 })), ['unkeyed']);
+  assert.deepEqual(ids(received(0, { 'bad-tag': 9 })), ['key']);
+  assert.deepEqual(ids(received(5, { 'bad-tag': 9, unkeyed: 3, old: 1 })), ['old']);
   assert.deepEqual(ids({ downlink: { paused: true } }), ['paused']);
   assert.deepEqual(ids({ clocks_apart_s: -600 }), ['clocks']);
   assert.deepEqual(ids({ clocks_apart_s: -600, recorded: true }), []);

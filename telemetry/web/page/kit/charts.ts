@@ -17,7 +17,7 @@ export const around = (pad = LEAST_RANGE): uPlot.Scale => ({
 });
 export const downwards = (pad = LEAST_RANGE): uPlot.Scale => ({ dir: -1, ...around(pad) });
 
-// One chart in a box as wide as the box, made anew for each set of series.
+// One chart as wide as its box, created again for each set of series.
 export class Chart {
   plot: uPlot | null = null;
   constructor(private box: HTMLElement, private height: number) {

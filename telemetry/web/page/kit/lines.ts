@@ -59,8 +59,8 @@ export function simplified(points: THREE.Vector3[], within: number): number[] {
   return [...kept].sort((a, b) => a - b);
 }
 
-// A line of any length, a pixel wide: pieces of it that are out of sight are not drawn, the others with as many points as can be told
-// apart.
+// A line of any length, a pixel wide: pieces of it that are out of sight are not drawn, the others with as many points as the
+// picture can show.
 export class LongLine {
   readonly object = new THREE.Group();
   private material: THREE.LineBasicMaterial;

@@ -89,7 +89,7 @@ export interface HeightGrid {
 }
 
 // The seafloor's own area inside the polygon, fold by fold: two triangles a cell whose four heights are known and whose
-// centre lies inside; `plan` is what those cells cover seen from above. Their ratio is the rugosity.
+// centre is inside; `plan` is what those cells cover seen from above. Their ratio is the rugosity.
 export function surfaceArea(grid: HeightGrid, corners: Place[]): { surface: number; plan: number } {
   let surface = 0;
   let plan = 0;
@@ -106,7 +106,7 @@ export function surfaceArea(grid: HeightGrid, corners: Place[]): { surface: numb
   return { surface, plan };
 }
 
-// What of the seafloor rises above the plane that fits the corners best, and what lies below it [m3]: a mound or a pit
+// What of the seafloor rises above the plane that fits the corners best, and what is below it [m3]: a mound or a pit
 // that the corners were put around. Cells as in surfaceArea; those without a height count as the others on the mean.
 export function volumes(grid: HeightGrid, corners: Place[]): { above: number; below: number } {
   const mean = (of: (p: Place) => number): number => corners.reduce((sum, p) => sum + of(p), 0) / corners.length;

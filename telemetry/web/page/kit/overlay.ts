@@ -1,7 +1,7 @@
 import { niceBelow, spacingText } from './format';
 import { cssColour, cssGradient, type Rgb } from './ramps';
 
-// What lies over and beside the picture: buttons, rows, legend, scale, north.
+// What is over and beside the picture: buttons, rows, legend, scale, north.
 
 export const element = (id: string): HTMLElement => document.getElementById(id)!;
 export const input = (id: string): HTMLInputElement => element(id) as HTMLInputElement;

@@ -6,7 +6,7 @@ const SMOOTHING = 0.1; // of the shown frame time
 const FIT_ROUNDS = 6;
 const SLOW = 60; // [ms] between frames of a moving picture
 const SLOW_FRAMES = 4; // in a row, before it is drawn coarser until it stands still
-const COARSER = [1, 1 / 2, 1 / 3]; // pixels each way
+const COARSER = [1, 1 / 2, 1 / 3]; // pixels in each direction
 
 // The tile renderer then looks no further than the nearest tile that is hit.
 export const firstHit = (ray: THREE.Raycaster): THREE.Raycaster => Object.assign(ray, { firstHitOnly: true });
@@ -48,7 +48,7 @@ export abstract class SceneView {
     }).observe(canvas.parentElement!);
   }
 
-  // At the beginning of each frame; gives whether frames go on without being asked for.
+  // At the beginning of each frame; returns whether frames continue without being asked for.
   protected abstract prepare(time: number): boolean;
   protected resized(): void {}
 

@@ -76,7 +76,7 @@ export async function until(page, condition, argument, { timeout = 150000 } = {}
   }
 }
 
-// Runs a test with a browser, says what failed and what each open page told of itself then, and always cleans up.
+// Runs a test with a browser, prints what failed with the messages of each open page, and always cleans up.
 export async function runTest(browserPath, test, cleanUp) {
   const browser = await launch(browserPath);
   try {

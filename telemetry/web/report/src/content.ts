@@ -1,12 +1,12 @@
 // What a report holds, as the program writes it into the page. Numbers in tables are text already, with the digits that count.
 
 export interface Series {
-  label: string; // none: not in the key
+  label: string; // empty: not in the legend
   kind: 'line' | 'dots' | 'areas'; // areas: the inside of polygons
   colour: string;
   dashed?: boolean;
   size?: number; // a line's width, a dot's radius [px]
-  x: (number | null)[]; // null lifts the pen: the next place begins a line or polygon of its own
+  x: (number | null)[]; // null interrupts: the next point begins another line or polygon
   y: (number | null)[];
 }
 export interface Plot {
@@ -14,7 +14,7 @@ export interface Plot {
   x: string; // label of the axis, with its unit
   y: string;
   width?: number; // [px]
-  equal?: boolean; // a unit is as long either way, as on a map
+  equal?: boolean; // units have the same length on both axes, as on a map
   down?: boolean; // y grows downwards, as in an image
   logX?: boolean; // logarithmic axes
   logY?: boolean;

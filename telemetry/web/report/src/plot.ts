@@ -24,7 +24,7 @@ export function rangeOf(values: (number | null)[]): Range {
   return low <= high ? [low - pad, high + pad] : [0, 1];
 }
 
-// The height of a map's drawing for a width [px], and both ranges widened so that a metre is as long either way.
+// The height of a map's drawing for a width [px], and both ranges widened so that a metre has the same length on both.
 export function mapFrame(x: Range, y: Range, width: number): { height: number; x: Range; y: Range } {
   const height = Math.round(width * Math.min(Math.max((y[1] - y[0]) / (x[1] - x[0]), SHAPES[0]), SHAPES[1]));
   const metres = Math.max((x[1] - x[0]) / width, (y[1] - y[0]) / height); // a pixel
@@ -81,7 +81,7 @@ export function showPlot(box: HTMLElement, plot: Plot): void {
     ? mapFrame(whole.x, whole.y, width - AXIS)
     : { ...whole, height: Math.min(HEIGHT, Math.round(width / WIDE)) - AXIS };
   const asAsked = (_: uPlot, low: number, high: number): Range => [low, high];
-  // uPlot makes axes, zoom and cursor for the corners; what is shown is drawn over them, as a way need not go to the right.
+  // uPlot makes axes, zoom and cursor for the corners; the series are drawn over them, as a track need not go to the right.
   new uPlot({
     width, height: height + AXIS, legend: { show: false }, padding: [0, 0, 0, 0], cursor: { drag: { x: true, y: true, uni: 20 } },
     scales: { x: { time: false, distr: distr(plot.logX), range: asAsked }, y: { distr: distr(plot.logY), range: asAsked, dir: plot.down ? -1 : 1 } },

@@ -306,7 +306,7 @@ export class App {
     if (link.layer) void this.layers.choose(link.layer);
     if (link.time !== undefined) this.timeline?.goToTime(link.time);
     if (link.select) {
-      // Hidden images are told apart by the model, so it has to be there first.
+      // Hidden images are distinguished by the model, so it has to be there first.
       const [north, east, depth] = link.select;
       setTimeout(() => this.select({ north, east, depth }), 1200);
     }

@@ -108,7 +108,7 @@ export class BesideFiles {
     const about = `${triangles > 0 ? `${count(triangles)} triangles` : 'points'}, ${used}`;
     this.put({ name: file.name, about, object });
     const box = new THREE.Box3().setFromObject(object);
-    if (!box.intersectsBox(this.view.home.clone().expandByScalar(50))) this.complain(`${file.name} lies away from this dive: are its axes ${used} about the dive's origin?`);
+    if (!box.intersectsBox(this.view.home.clone().expandByScalar(50))) this.complain(`${file.name} is away from this dive: are its axes ${used} about the dive's origin?`);
   }
 
   // A raster with heights can stand beside the dive as a surface too.

@@ -164,7 +164,7 @@ export function parseImages(value: Json): { camera: CameraModel | null; images: 
 }
 
 // Throws where there is no dive at all. Track and images are read later, by readRecords: the first picture needs neither.
-// The original images lie in `imageFolder`, null: nowhere, or where scene.json says.
+// The original images are in `imageFolder`, null: nowhere, or where scene.json says.
 export async function openDive(source: Source, complain: (what: string) => void, imageFolder?: string | null): Promise<Dive> {
   const address = (file: string): string => new URL(file, source.base).href;
   const scene = parseScene(await json(source, address('scene.json')));
@@ -178,7 +178,7 @@ export async function openDive(source: Source, complain: (what: string) => void,
   return dive;
 }
 
-// What fails is told to `complain`.
+// What fails is passed to `complain`.
 export async function readRecords(dive: Dive, complain: (what: string) => void): Promise<void> {
   const { source, scene, address } = dive;
   const read = async (file: string | null, take: (value: Json) => void): Promise<void> => {

@@ -1,7 +1,7 @@
 import * as THREE from 'three';
 import type { Standpoint } from '#kit/view';
 
-// A smooth way from one view to another: the height over what is looked at changes in equal ratios a second, and the point
+// A smooth path from one view to another: the height over what is looked at changes in equal ratios a second, and the point
 // looked at moves as far as it should at that height, so the goal does not leave the picture (after van Wijk and Nuij 2003,
 // "Smooth and efficient zooming and panning", for the case without a detour over the top).
 
@@ -16,20 +16,20 @@ export class Flight {
   readonly seconds: number;
   private readonly turn: [THREE.Quaternion, THREE.Quaternion];
   private readonly distance: [number, number];
-  private readonly climb: number; // factor on the distance half way
+  private readonly climb: number; // factor on the distance halfway
 
   constructor(readonly from: Standpoint, readonly to: Standpoint) {
     const facing = (p: Standpoint): THREE.Quaternion => new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().lookAt(p.eye, p.look, p.up));
     this.turn = [facing(from), facing(to)];
     this.distance = [Math.max(from.eye.distanceTo(from.look), 1e-3), Math.max(to.eye.distanceTo(to.look), 1e-3)];
-    const way = from.look.distanceTo(to.look);
+    const apart = from.look.distanceTo(to.look);
     const height = Math.max(...this.distance);
-    this.climb = way > FAR_JUMP * height ? way / (FAR_JUMP * height) : 1;
-    const decades = Math.abs(Math.log10(this.distance[1] / this.distance[0])) + 2 * Math.log10(this.climb) + Math.min(way / height, 2) / 2;
+    this.climb = apart > FAR_JUMP * height ? apart / (FAR_JUMP * height) : 1;
+    const decades = Math.abs(Math.log10(this.distance[1] / this.distance[0])) + 2 * Math.log10(this.climb) + Math.min(apart / height, 2) / 2;
     this.seconds = Math.min(Math.max(SECONDS_A_DECADE * decades, LEAST_SECONDS), MOST_SECONDS);
   }
 
-  // The view at t in 0..1 of the way.
+  // The view at t in 0..1 of the path.
   at(t: number): { eye: THREE.Vector3; look: THREE.Vector3; turn: THREE.Quaternion } {
     const s = ease(Math.min(Math.max(t, 0), 1));
     const [d0, d1] = this.distance;

@@ -4,7 +4,7 @@ import type { DiveImage } from './cameras';
 import type { Track } from './dive';
 import { toScene, type Place } from '#kit/place';
 
-// What is drawn beside the seafloor: the vehicle's way, footprints, the vehicle at a time, points and measured lines. Each is
+// What is drawn beside the seafloor: the vehicle's track, footprints, the vehicle at a time, points and measured lines. Each is
 // one draw call, and none hides behind the ground it belongs to.
 
 const TRACK_COLOUR = 0xf0b95e;

@@ -18,7 +18,7 @@ const BASE_ERROR = SHARPNESS * ERROR_A_TEXEL; // allowed screen error [px]
 const BUDGET_INTERVAL = 6; // frames
 const PARSERS = 2; // tiles parsed at the same time: the main thread has to take each over
 const DOWNLOADS = 10;
-// Room kept free under the limit for tiles on their way, whose size is not known before they are here.
+// Room kept free under the limit for tiles in transit, whose size is not known before they are here.
 const RESERVE = 0.08;
 // While more is held than may be, room for the coarser tiles that will take the finer ones' place.
 const COARSER_TILES = 32 * 2 ** 20;
@@ -47,7 +47,7 @@ class Tiles extends TilesRenderer {
   }
 }
 
-// glTF content of tiles lies in the tileset's axes (east, north, up); the scene has y up.
+// glTF content of tiles is in the tileset's axes (east, north, up); the scene has y up.
 const FROM_ENU = new THREE.Matrix4().set(1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1);
 
 export interface ModelStats {
@@ -162,7 +162,7 @@ export class Model {
   private weigh(tile: Tile): void {
     const { lruCache } = this.tiles;
     this.inner.recalculateBytesUsed(tile);
-    // Over the limit a coarser tile is let in: it is what the finer ones in use can give way to.
+    // Over the limit a coarser tile is let in: the finer ones in use can be evicted for it.
     const standsIn = this.over && (tile.children?.length ?? 0) > 0;
     if (this.bytes > this.bound && !standsIn) {
       this.refused = true;

@@ -58,7 +58,7 @@ export const place = (m: Placement, north: number, east: number): [u: number, v:
   m[0] * north + m[1] * east + m[2], m[3] * north + m[4] * east + m[5],
 ];
 
-// Where a placement's picture lies.
+// Where a placement's picture is.
 export function boundsOf(m: Placement): Bounds {
   const determinant = m[0] * m[4] - m[1] * m[3];
   const corners = [[0, 0], [1, 0], [0, 1], [1, 1]].map(([u, v]) => {

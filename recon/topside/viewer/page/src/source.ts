@@ -1,6 +1,6 @@
 import { fromBlob, fromUrl, type GeoTIFF } from 'geotiff';
 
-// Where a dive's files are read from: a web server, or a folder that the user opened in the browser. Either way the
+// Where a dive's files are read from: a web server, or a folder that the user opened in the browser. In both cases the
 // files have addresses, so that relative names in them mean the same.
 
 export interface Source {

@@ -111,7 +111,7 @@ void main() {
   vec3 facet = cross(dFdx(vPlace), dFdy(vPlace));
   vec3 n = dot(vNormal, vNormal) > 0.1 ? normalize(vNormal) : normalize(facet);
   if (n.y < 0.0 && dot(vNormal, vNormal) <= 0.1) n = -n;
-  // Light from the north-west, half way up, as on charts; and some from above.
+  // Light from the north-west, halfway up, as on charts; and some from above.
   float light = 0.35 + 0.5 * max(dot(n, normalize(vec3(-0.6, 0.75, -0.55))), 0.0) + 0.25 * max(n.y, 0.0);
   vec3 colour = vec3(0.72, 0.76, 0.78) * light;
   if (surface == 2) colour = levelColour;

@@ -53,7 +53,7 @@ export class View extends SceneView {
     this.last.identity();
   }
 
-  // The height of what lies in the middle decides the plane that catches rays beside the model.
+  // The height of what is in the middle decides the plane that catches rays beside the model.
   setLevel(y: number): void {
     this.controls.fallbackPlane.set(UP, -y);
   }

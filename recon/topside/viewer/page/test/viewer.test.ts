@@ -35,7 +35,7 @@ test('a place straight ahead of the camera falls on its principal point', () => 
   near(pixel.u, 686, 1e-9);
   near(pixel.v, 507, 1e-9);
   near(pixel.range, 2, 1e-12);
-  assert.equal(project(CAMERA, image, { north: 10, east: 20, depth: 4 }), null, 'what lies behind is not seen');
+  assert.equal(project(CAMERA, image, { north: 10, east: 20, depth: 4 }), null, 'what is behind is not seen');
 });
 
 test('a camera that is turned about the vertical sees north to its side', () => {
@@ -64,7 +64,7 @@ test('measured lines and areas go out as GeoJSON, rings closed and against the c
   near(out.features[1].geometry.coordinates[0][1], -33.5, 1e-8);
 });
 
-test('a long line is drawn with the points that can be told apart', () => {
+test('a long line is drawn with the points that can be distinguished', () => {
   const wave = Array.from({ length: 2001 }, (_, i) => new THREE.Vector3(i / 100, 0, 0.1 * Math.sin(i / 50)));
   const some = simplified(wave, 0.02);
   assert.ok(some.length > 10 && some.length < 120, `${some.length} points`);
@@ -349,7 +349,7 @@ test('a flight ends where it should, changes its height evenly and keeps the goa
     assert.ok((60 - look.x) / distance < 0.31, 'the goal stays as far from the middle, in heights, as it was');
   }
   const far = new Flight(pose(0, 2), pose(100, 2));
-  assert.ok(far.at(0.5).eye.y > 20, 'a long way at low height climbs between');
+  assert.ok(far.at(0.5).eye.y > 20, 'a long flight at low height climbs between');
 });
 
 test('files of a dive that are not what they should be say so', () => {
@@ -378,7 +378,7 @@ test('a folder opens from the dive or from the mission around it', async () => {
   await assert.rejects(openFolder('other', fromFileList([file('other/readme.txt')])), /holds no scene.json/);
 });
 
-test('a dive whose images are not there says so once, and looks for them where it is told', async () => {
+test('a dive whose images are not there says so once, and looks for them in the given folder', async () => {
   const scene = new File([JSON.stringify({ format: 1, tileset: 't.json', origin: { latitude: 0, longitude: 0 }, image_folder: '../../dive/img' })], 'scene.json');
   const source = await openFolder('results', fromFileList([Object.assign(scene, { webkitRelativePath: 'results/scene.json' })]));
   const complaints: string[] = [];

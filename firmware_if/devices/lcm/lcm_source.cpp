@@ -1,0 +1,207 @@
+#include "firmware_if/devices/lcm/lcm_source.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <numbers>
+#include <sstream>
+
+#include "realtime/base/units.hpp"
+
+namespace fathom::io {
+namespace {
+
+// In the order of SensorSample.
+constexpr std::array<std::string_view, kDeviceKinds> kSampleWords = {
+    "dvl", "attitude", "depth", "usbl", "gps", "water", "battery", "progress", "gyro"};
+constexpr std::array<const char*, kDeviceKinds> kSampleChannels = {
+    "RDI",          "FATHOM_ATTITUDE", "FATHOM_DEPTH",    "FATHOM_USBL", "FATHOM_GPS",
+    "FATHOM_WATER", "FATHOM_BATTERY",  "FATHOM_PROGRESS", "FATHOM_GYRO"};
+// A ship's fix has crossed the water, and perhaps waited for its turn.
+constexpr double kMaxFixAge_s = 300;
+constexpr std::int64_t kTwinsFor_ns = 10 * kSecond_ns;   // after a fathom message its ACFR twins are left out
+constexpr double kDeepest_m = 12000, kFastest_mps = 20;  // nothing in the sea is beyond
+constexpr double kFastestTurn_radps = 10;
+
+constexpr std::array<std::string_view, 6> kLcmCounterNames = {"bad",     "stale",    "twins_left_out",
+                                                              "unasked", "failures", "not_published"};
+
+struct Plausible {
+  static bool angle(double a) { return std::abs(a) <= 4 * std::numbers::pi; }
+  static bool place(double latitude, double longitude) {
+    return std::abs(latitude) <= std::numbers::pi / 2 && std::abs(longitude) <= 2 * std::numbers::pi;
+  }
+  static bool within(const std::optional<double>& v, double min, double max) {
+    return !v || (*v >= min && *v <= max);
+  }
+  bool operator()(const DvlSample& s) const {
+    for (const auto& range : s.range)
+      if (!within(range, 0, kDeepest_m)) return false;
+    return (!s.velocity || (s.velocity->array().abs() <= kFastest_mps).all()) &&
+           within(s.altitude, 0, kDeepest_m) && s.sound_speed >= 1300 && s.sound_speed <= 1700;
+  }
+  bool operator()(const AttitudeSample& s) const {
+    return angle(s.roll) && angle(s.pitch) && angle(s.heading);
+  }
+  bool operator()(const GyroSample& s) const {
+    return (s.body_rate || s.heading_rate) &&
+           (!s.body_rate || (s.body_rate->array().abs() <= kFastestTurn_radps).all()) &&
+           within(s.heading_rate, -kFastestTurn_radps, kFastestTurn_radps);
+  }
+  bool operator()(const DepthSample& s) const { return std::abs(s.depth) <= kDeepest_m; }
+  bool operator()(const UsblFix& s) const {
+    return place(s.latitude, s.longitude) && std::abs(s.depth) <= kDeepest_m && s.sigma_horizontal >= 0 &&
+           s.sigma_horizontal <= kDeepest_m;
+  }
+  bool operator()(const GpsFix& s) const {
+    return place(s.latitude, s.longitude) && s.sigma_horizontal >= 0 && s.sigma_horizontal <= kDeepest_m;
+  }
+  bool operator()(const WaterSample& s) const {
+    return within(s.conductivity, 0, 10) && within(s.temperature, -5, 50) &&
+           within(s.sound_speed, 1300, 1700) && within(s.chlorophyll, -10, 1e4) &&
+           within(s.cdom, -100, 1e5) && within(s.turbidity, -10, 1e3);
+  }
+  bool operator()(const BatterySample& s) const {
+    return within(s.voltage, 0, 2000) && within(s.current, -1e4, 1e4) && within(s.charge, 0, 1);
+  }
+  bool operator()(const MissionProgressSample& s) const { return s.fraction >= 0 && s.fraction <= 1; }
+  bool operator()(const ImageEvent&) const { return false; }  // cameras are not on the bus
+};
+
+}  // namespace
+
+LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults) {
+  LcmConfig config = defaults;
+  config.url = table.text("url", defaults.url);
+  if (table.has("accept")) {
+    config.accept.fill(false);
+    std::istringstream words(table.text("accept", ""));
+    for (std::string word; words >> word;) {
+      const auto found = std::find(kSampleWords.begin(), kSampleWords.end(), word);
+      if (found == kSampleWords.end())
+        table.fail("accept",
+                   "'" + word + "' is none of dvl attitude depth usbl gps water battery progress gyro");
+      config.accept[static_cast<std::size_t>(found - kSampleWords.begin())] = true;
+    }
+  }
+  config.max_age_s = table.number("max_age_s", defaults.max_age_s, 0.1, 3600);
+  config.queue = static_cast<int>(table.integer("queue", defaults.queue, 1, 100'000));
+  config.publish_hz = table.number("publish_hz", defaults.publish_hz, 0, 100);
+  return config;
+}
+
+LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,
+                     VehicleTime now, VehicleClockState clock)
+    : config_(config), bus_(std::move(bus)), now_(std::move(now)), clock_(std::move(clock)) {
+  std::string channels;
+  const auto listen = [&](const std::string& channel) {
+    channels += (channels.empty() ? "" : "|") + channel;
+  };
+  for (std::size_t kind = 0; kind < kDeviceKinds; ++kind)
+    if (config_.accept[kind]) listen(kSampleChannels[kind]);
+  if (config_.accept[SensorSample(AttitudeSample{}).index()]) listen("TCM");
+  if (config_.accept[SensorSample(DepthSample{}).index()]) listen("PAROSCI");
+  // A vehicle's name has letters, digits, - and _ alone (mission.toml).
+  if (config_.accept[SensorSample(UsblFix{}).index()]) listen("USBL_FIX\\." + vehicle_name);
+  if (!channels.empty()) bus_->subscribe("(" + channels + ")", config_.queue, *this);
+  works_ = bus_->isOpen();
+}
+
+bool LcmSource::poll(int timeout_ms, SampleSink& sink) {
+  sink_ = &sink;
+  const int handled = bus_->poll(timeout_ms, config_.queue);
+  sink_ = nullptr;
+  // A bus that has failed goes away once, however long it is waited for.
+  if (handled < 0 && works_) ++failures_;
+  works_ = handled >= 0;
+  return works_;
+}
+
+void LcmSource::message(std::string_view channel, std::span<const std::uint8_t> data) noexcept {
+  if (sink_ == nullptr) return;
+  const std::int64_t arrival_ns = now_();
+  const bool native = channelKind(channel) == ChannelKind::kSample;
+  std::optional<SensorSample> sample;
+  try {
+    const auto decoded = native ? decodeSample(channel, data) : decodeAcfr(channel, arrival_ns / 1000, data);
+    if (decoded) sample = decoded->sample;
+  } catch (const std::exception&) {
+    // Without memory for it, a message is counted as damaged.
+  }
+  if (!sample || !std::visit(Plausible{}, *sample)) {
+    ++bad_;
+    return;
+  }
+  const std::size_t kind = sample->index();
+  if (!config_.accept[kind]) {
+    ++unasked_;
+    return;
+  }
+  if (!native && last_native_ns_[kind] != 0 && arrival_ns - last_native_ns_[kind] < kTwinsFor_ns) {
+    ++twins_;
+    return;
+  }
+  if (!toVehicleTime(*sample, arrival_ns)) {
+    ++stale_;
+    return;
+  }
+  // A fix is known from its arrival on.
+  if (auto* fix = std::get_if<UsblFix>(&*sample)) fix->arrival_utc_ns = arrival_ns;
+  if (native) last_native_ns_[kind] = arrival_ns;
+  ++taken_[kind];
+  ++samples_;
+  last_sample_ns_ = arrival_ns;
+  sink_->sample(arrival_ns, *sample);
+}
+
+// False for a stamp too far from its arrival.
+bool LcmSource::toVehicleTime(SensorSample& sample, std::int64_t arrival_ns) const noexcept {
+  const rt::ClockState state = clock_ ? clock_() : rt::ClockState{};
+  std::int64_t& stamp_ns = std::visit([](auto& s) -> std::int64_t& { return s.utc_ns; }, sample);
+  const double oldest = std::holds_alternative<UsblFix>(sample) ? kMaxFixAge_s : config_.max_age_s;
+  const auto fits = [&](std::int64_t vehicle_ns) {
+    const double age_s = static_cast<double>(arrival_ns - vehicle_ns) / 1e9;
+    return age_s <= oldest && age_s >= -config_.max_age_s;
+  };
+  if (fits(stamp_ns + state.error_ns)) {
+    stamp_ns += state.error_ns;
+    return true;
+  }
+  return !state.synchronised && fits(stamp_ns);
+}
+
+DeviceHealth LcmSource::health() const {
+  DeviceHealth health;
+  health.name = "lcm";
+  for (const std::string_view name : kLcmCounterNames) health.counters.emplace_back(name, 0);
+  for (const std::string_view name : kSampleWords) health.counters.emplace_back(name, 0);
+  updateHealth(health);
+  return health;
+}
+
+void LcmSource::updateHealth(DeviceHealth& health) const noexcept {
+  health.open = bus_->isOpen();
+  health.reason = bus_->reason();
+  health.last_data_ns = last_sample_ns_;
+  health.samples = samples_;
+  health.disconnects = failures_;
+  const std::array<std::uint64_t, kLcmCounterNames.size()> values = {bad_,     stale_,    twins_,
+                                                                     unasked_, failures_, bus_->refused()};
+  for (std::size_t i = 0; i < health.counters.size() && i < values.size() + kDeviceKinds; ++i)
+    health.counters[i].second = i < values.size() ? values[i] : taken_[i - values.size()];
+}
+
+void LcmPublisher::publish(const PoseReport& pose) noexcept {
+  try {
+    publish(encodePose(pose));
+    publish(encodeAcfrNav(pose, vehicle_name_));
+  } catch (const std::exception&) {
+    // Without memory for it this pose is not published.
+  }
+}
+
+void LcmPublisher::publish(const LogMessage& message) noexcept {
+  if (bus_->publish(message)) ++published_;
+}
+
+}  // namespace fathom::io

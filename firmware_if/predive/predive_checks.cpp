@@ -1,0 +1,384 @@
+#include "firmware_if/predive/predive_checks.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <type_traits>
+#include <variant>
+
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
+
+namespace fathom::io {
+namespace {
+
+// A camera that looks further than this from straight down, a DVL further than its beams' own angle, is a
+// wrong angle in mission.toml rather than a mounting.
+constexpr double kCameraTilt = 45 * kRadiansPerDegree, kDvlTilt = 30 * kRadiansPerDegree;
+constexpr double kLeastBaseline = 0.01, kLargestBaseline = 2;  // [m]
+constexpr double kLargestVergence = 20 * kRadiansPerDegree;    // between the two cameras' axes
+
+double angleToDown(const SE3& T_body_sensor) {
+  const Eigen::Vector3d axis = T_body_sensor.rotation() * Eigen::Vector3d::UnitZ();
+  return std::acos(std::clamp(axis.z(), -1.0, 1.0));
+}
+
+std::uint64_t counterOf(const DeviceHealth& health, std::string_view name) {
+  for (const auto& [known, value] : health.counters)
+    if (known == name) return value;
+  return 0;
+}
+
+// Drift of the mapped time against the camera's own over the frames [s/s]; 0 without two seconds of them.
+double driftOf(const std::vector<FrameFacts>& frames) {
+  if (frames.size() < 2) return 0;
+  const double device = static_cast<double>(frames.back().device_ns - frames.front().device_ns) / 1e9;
+  const double utc = static_cast<double>(frames.back().utc_ns - frames.front().utc_ns) / 1e9;
+  return device < 2 ? 0 : utc / device - 1;
+}
+
+constexpr double kRateShare = 0.8;        // of the least rate with which a device passes
+constexpr double kDamagedShare = 0.05;    // of the ensembles: a bad line
+constexpr double kEarthRadius = 6.371e6;  // [m]
+
+// The place of a kind of sample in SensorSample.
+template <class Sample, std::size_t At = 0>
+consteval std::size_t kindOf() {
+  if constexpr (std::is_same_v<std::variant_alternative_t<At, SensorSample>, Sample>) {
+    return At;
+  } else {
+    return kindOf<Sample, At + 1>();
+  }
+}
+template <class Sample>
+constexpr std::size_t kKind = kindOf<Sample>();
+
+const DeviceHealth* sourceNamed(const PrediveFacts& facts, std::string_view name) {
+  for (const DeviceHealth& source : facts.sources)
+    if (source.name == name) return &source;
+  return nullptr;
+}
+
+std::uint64_t counterOf(const DeviceHealth* health, std::string_view name) {
+  return health == nullptr ? 0 : counterOf(*health, name);
+}
+
+double metresFromOrigin(const MissionConfig& mission, double latitude, double longitude) {
+  const double north = latitude - mission.origin.latitude;
+  const double east = std::remainder(longitude - mission.origin.longitude, 2 * std::numbers::pi) *
+                      std::cos(mission.origin.latitude);
+  return kEarthRadius * std::hypot(north, east);
+}
+
+std::string rateText(const SampleFacts& facts, double wanted_hz) {
+  return decimals(facts.rateHz(), 1) + " Hz of " + decimals(wanted_hz, 1) + ", longest gap " +
+         decimals(facts.longest_gap_s, 2) + " s";
+}
+
+bool slow(const SampleFacts& facts, double wanted_hz) {
+  return facts.rateHz() < kRateShare * wanted_hz;
+}
+
+void checkDvl(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
+  const SampleFacts& dvl = facts.samples[kKind<DvlSample>];
+  const DeviceHealth* source = sourceNamed(facts, "dvl");
+  const std::uint64_t ensembles = counterOf(source, "ensembles"), bad = counterOf(source, "bad_checksum");
+  const auto refuse = [&](const std::string& found, const std::string& fix) {
+    report.bad("DVL", found, fix);
+  };
+  if (!facts.expected[kKind<DvlSample>])
+    return refuse("none is configured", "set dvl.device, or add dvl to lcm.accept, in onboard.toml");
+  if (dvl.count == 0) {
+    if (source == nullptr) return refuse("silent on LCM", "start the program that publishes RDI");
+    if (!source->open)
+      return refuse(
+          "its line is not there" + (source->reason.empty() ? "" : ": " + std::string(source->reason.view())),
+          "look at the cable and at dvl.device; end programs that use the line");
+    if (counterOf(source, "bytes") == 0)
+      return refuse("silent", "look at its power and cable; it must ping by itself (CS)");
+    if (ensembles == 0)
+      return refuse(std::to_string(counterOf(source, "bytes")) + " bytes, but no ensemble",
+                    "look at the baud rate of dvl.device and at dvl.format");
+    return refuse(plural(ensembles, "ensemble") + " without bottom track", "switch bottom track on (BP1)");
+  }
+  const std::string found =
+      rateText(dvl, limits.dvl_hz) +
+      (dvl.usable == 0
+           ? ", no bottom lock (as in air)"
+           : ", velocity in " +
+                 decimals(100.0 * static_cast<double>(dvl.usable) / static_cast<double>(dvl.count), 0) +
+                 " %");
+  if (static_cast<double>(bad) > kDamagedShare * static_cast<double>(ensembles + bad))
+    return refuse(found + ", " + plural(bad, "damaged ensemble"), "look at cable, ground and baud rate");
+  if (slow(dvl, limits.dvl_hz)) return refuse(found, "look at its ping rate (TP, TE), or set predive.dvl_hz");
+  report.good("DVL", found);
+}
+
+void checkCompass(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
+  const SampleFacts& samples = facts.samples[kKind<AttitudeSample>];
+  if (!facts.expected[kKind<AttitudeSample>])
+    return report.bad("compass", "none is configured",
+                      "set can.interface, or add attitude to lcm.accept, in onboard.toml");
+  if (samples.count == 0)
+    return report.bad(
+        "compass", "silent",
+        "look at its power, at the bus (candump, lcm-spy) and at the program that publishes it");
+  const auto& attitude = std::get<AttitudeSample>(samples.last);
+  const std::string found = rateText(samples, limits.compass_hz) + "; heading " +
+                            decimals(attitude.heading / kRadiansPerDegree, 1) + ", roll " +
+                            decimals(attitude.roll / kRadiansPerDegree, 1) + ", pitch " +
+                            decimals(attitude.pitch / kRadiansPerDegree, 1) + " deg";
+  if (slow(samples, limits.compass_hz))
+    report.bad("compass", found, "raise its rate, or set predive.compass_hz");
+  else if (std::max(std::abs(attitude.roll), std::abs(attitude.pitch)) >
+           limits.deck_tilt_deg * kRadiansPerDegree)
+    report.bad("compass", found,
+               "no vehicle on deck has this attitude: look at how the compass is mounted, at its units and "
+               "predive.deck_tilt_deg");
+  else
+    report.good("compass", found);
+}
+
+void checkDepth(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
+  const SampleFacts& samples = facts.samples[kKind<DepthSample>];
+  if (!facts.expected[kKind<DepthSample>])
+    return report.bad("depth", "none is configured",
+                      "set can.interface, or add depth to lcm.accept, in onboard.toml");
+  if (samples.count == 0)
+    return report.bad(
+        "depth", "silent",
+        "look at its power, at the bus (candump, lcm-spy) and at the program that publishes it");
+  const double depth = std::get<DepthSample>(samples.last).depth;
+  const std::string found = rateText(samples, limits.depth_hz) + "; " + decimals(depth, 2) + " m";
+  if (slow(samples, limits.depth_hz))
+    report.bad("depth", found, "raise its rate, or set predive.depth_hz");
+  else if (std::abs(depth) > limits.deck_depth_m)
+    report.bad(
+        "depth", found,
+        "the vehicle is on deck: zero the pressure sensor, look at its units and predive.deck_depth_m");
+  else
+    report.good("depth", found);
+}
+
+void checkPositions(const PrediveFacts& facts, const MissionConfig& mission, const PrediveConfig& limits,
+                    PrediveReport& report) {
+  const SampleFacts& gps = facts.samples[kKind<GpsFix>];
+  const auto place = [&](const char* name, double latitude, double longitude, double sigma) {
+    const double distance_m = metresFromOrigin(mission, latitude, longitude);
+    const std::string found =
+        decimals(latitude / kRadiansPerDegree, 5) + ", " + decimals(longitude / kRadiansPerDegree, 5) +
+        " deg, sigma " + decimals(sigma, 1) + " m, " + decimals(distance_m / 1e3, 1) + " km from the origin";
+    if (distance_m <= 1e3 * limits.origin_km)
+      report.good(name, found);
+    else
+      report.bad(name, found,
+                 "correct origin_latitude and origin_longitude of mission.toml, or the ship's position");
+  };
+  if (gps.count > 0) {
+    const auto& fix = std::get<GpsFix>(gps.last);
+    place("GPS", fix.latitude, fix.longitude, fix.sigma_horizontal);
+  } else if (facts.expected[kKind<GpsFix>]) {
+    report.bad("GPS", "silent", "look at its antenna and at the program that publishes it");
+  } else {
+    report.unused("GPS", "not used");
+  }
+  const SampleFacts& usbl = facts.samples[kKind<UsblFix>];
+  if (usbl.count > 0) {
+    const auto& fix = std::get<UsblFix>(usbl.last);
+    place("USBL", fix.latitude, fix.longitude, fix.sigma_horizontal);
+  } else if (facts.expected[kKind<UsblFix>] || facts.modem.used) {
+    report.bad(
+        "USBL", "no fix came in " + decimals(facts.seconds, 0) + " s",
+        "start the ship's USBL and fathom-monitor, transponder in the water; look longer: --seconds 60");
+  } else {
+    report.unused("USBL", "not used");
+  }
+}
+
+void checkBattery(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
+  const SampleFacts& samples = facts.samples[kKind<BatterySample>];
+  if (samples.count == 0) {
+    if (facts.expected[kKind<BatterySample>])
+      report.bad("battery", "silent", "look at the program that publishes it");
+    else
+      report.unused("battery", "not reported");
+    return;
+  }
+  const auto& battery = std::get<BatterySample>(samples.last);
+  const std::string found =
+      (battery.voltage ? decimals(*battery.voltage, 1) + " V" : std::string("voltage not reported")) +
+      (battery.charge ? ", " + decimals(100 * *battery.charge, 0) + " % left" : "");
+  if (battery.charge && *battery.charge < limits.least_charge)
+    report.bad("battery", found, "charge it");
+  else
+    report.good("battery", found);
+}
+
+void checkModem(const ModemFacts& modem, PrediveReport& report) {
+  if (!modem.used) return report.unused("modem", "not used");
+  if (!modem.open)
+    return report.bad("modem", modem.failure, "correct modem.device in onboard.toml, or the cable");
+  const std::string found = plural(modem.frames, "frame") + " received, " + std::to_string(modem.ours) +
+                            " for this vehicle, " + std::to_string(modem.broken) + " broken";
+  if (modem.frames == 0)
+    report.bad("modem", found,
+               "let fathom-monitor speak on the ship, transducers in one water; look longer: --seconds 60");
+  else if (modem.ours == 0)
+    report.bad("modem", found,
+               "the ship speaks to another vehicle or dive: compare vehicle_id and dive_id of mission.toml");
+  else
+    report.good("modem", found);
+}
+
+}  // namespace
+
+PrediveConfig readPrediveConfig(const ConfigTable& table, PrediveConfig defaults) {
+  PrediveConfig config = defaults;
+  config.dvl_hz = table.number("dvl_hz", defaults.dvl_hz, 0.01, 100);
+  config.compass_hz = table.number("compass_hz", defaults.compass_hz, 0.01, 1000);
+  config.depth_hz = table.number("depth_hz", defaults.depth_hz, 0.01, 1000);
+  config.edge_px = table.number("edge_px", defaults.edge_px, 2, 100);
+  config.saturated_share = table.number("saturated_share", defaults.saturated_share, 0, 1);
+  config.mean_min = table.number("mean_min", defaults.mean_min, 0, 1);
+  config.mean_max = table.number("mean_max", defaults.mean_max, 0, 1);
+  config.pair_offset_s = table.number("pair_offset_s", defaults.pair_offset_s, 1e-6, 1);
+  config.deck_depth_m = table.number("deck_depth_m", defaults.deck_depth_m, 0, 12000);
+  config.deck_tilt_deg = table.number("deck_tilt_deg", defaults.deck_tilt_deg, 1, 90);
+  config.origin_km = table.number("origin_km", defaults.origin_km, 0.1, 20'000);
+  config.least_charge = table.number("least_charge", defaults.least_charge, 0, 1);
+  config.vehicle_size_m = table.number("vehicle_size_m", defaults.vehicle_size_m, 0.1, 100);
+  config.system_clock = table.boolean("system_clock", defaults.system_clock);
+  config.clock_error_s = table.number("clock_error_s", defaults.clock_error_s, 1e-6, 1000);
+  return config;
+}
+
+void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const PrediveConfig& limits,
+                     PrediveReport& report) {
+  const std::array<std::pair<const char*, const SE3*>, 5> places = {
+      {{"T_body_cam", &mission.T_body_cam},
+       {"T_body_dvl", &mission.T_body_dvl},
+       {"T_body_usbl", &mission.T_body_usbl},
+       {"T_body_depth", &mission.T_body_depth},
+       {"T_body_compass", &mission.T_body_compass}}};
+  std::string wrong;
+  for (const auto& [name, place] : places) {
+    const Eigen::Matrix3d R = place->matrix3();
+    const double distance = place->translation().norm();
+    const bool proper =
+        (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-6 && R.determinant() > 0;
+    if (!proper || !(distance <= limits.vehicle_size_m))
+      wrong += std::string(wrong.empty() ? "" : ", ") + name +
+               (proper ? " " + decimals(distance, 1) + " m from the body's origin" : " is no rotation");
+  }
+  if (wrong.empty())
+    report.good("sensor places", "all within " + decimals(limits.vehicle_size_m, 1) + " m, rotations proper");
+  else
+    report.bad("sensor places", wrong,
+               "correct [extrinsics] of mission.toml (metres, radians), or predive.vehicle_size_m");
+
+  const double camera = angleToDown(mission.T_body_cam), dvl = angleToDown(mission.T_body_dvl);
+  const std::string tilts = "camera " + decimals(camera / kRadiansPerDegree, 1) + " deg, DVL " +
+                            decimals(dvl / kRadiansPerDegree, 1) + " deg from straight down";
+  if (camera <= kCameraTilt && dvl <= kDvlTilt)
+    report.good("looking down", tilts);
+  else
+    report.bad("looking down", tilts,
+               std::string("correct the angles of ") + (camera > kCameraTilt ? "T_body_cam" : "T_body_dvl") +
+                   " in mission.toml: z points out of the lens, body's z is down");
+
+  const Eigen::Vector3d right_in_left = rig.T_right_left.inverse().translation();
+  const double vergence = Eigen::AngleAxisd(rig.T_right_left.rotation()).angle();
+  const double length = right_in_left.norm();
+  const std::string found = "right camera " + decimals(1e3 * right_in_left.x(), 1) +
+                            " mm to the right of the left, axes " +
+                            decimals(vergence / kRadiansPerDegree, 1) + " deg apart";
+  if (right_in_left.x() <= 0)
+    report.bad("stereo rig", found,
+               "left and right are exchanged in stereo.calib: calibrate with left first");
+  else if (length < kLeastBaseline || length > kLargestBaseline || right_in_left.x() < 0.7 * length ||
+           vergence > kLargestVergence)
+    report.bad("stereo rig", found,
+               "no such rig exists: translations of stereo.calib are in metres; calibrate again");
+  else
+    report.good("stereo rig", found);
+}
+
+void checkClocks(const PrediveFacts& facts, const rt::SystemClockState& system, const PrediveConfig& limits,
+                 PrediveReport& report) {
+  if (!system.known) {
+    report.unused("system clock", "unknown to the system");
+  } else {
+    const std::string found = std::string(system.synchronised ? "synchronised" : "not synchronised") +
+                              (system.pps ? " by a pulse a second" : "") + ", error at most " +
+                              decimals(system.error_s * 1e3, 1) + " ms";
+    if (system.synchronised && system.error_s <= limits.clock_error_s)
+      report.good("system clock", found);
+    else if (!limits.system_clock)
+      report.unused("system clock", found);
+    else
+      report.bad("system clock", found,
+                 "start chrony (or ptp4l) with a source on deck and wait: chronyc waitsync");
+  }
+  for (std::size_t side = 0; side < facts.cameras.size(); ++side) {
+    const CameraFacts& camera = facts.cameras[side];
+    if (!camera.used || camera.frames.size() < 2) continue;
+    const std::string name = side == 0 ? "clock of left camera" : "clock of right camera";
+    const std::uint64_t resets = counterOf(camera.health, "clock_resets");
+    const std::string found =
+        "drifts " + decimals(driftOf(camera.frames) * 1e6, 0) + " ppm, " + plural(resets, "leap");
+    if (resets == 0)
+      report.good(name, found);
+    else
+      report.bad(name, found,
+                 "the camera started again or PTP moved its clock: look at its power and at ptp4l");
+  }
+  for (const DeviceHealth& source : facts.sources) {
+    if (source.name != "dvl" || source.samples == 0) continue;
+    const std::uint64_t leaps = counterOf(source, "clock_leaps"), late = counterOf(source, "late");
+    const std::string found = decimals(static_cast<double>(counterOf(source, "clock_offset_ms")) / 1e3, 2) +
+                              " s from the vehicle's, followed; " + plural(leaps, "leap") + ", " +
+                              std::to_string(late) + " late";
+    if (leaps == 0)
+      report.good("clock of DVL", found);
+    else
+      report.bad("clock of DVL", found, "set the DVL's clock (TS) once, or dvl.clock = \"arrival\"");
+  }
+}
+
+void checkDisk(const RecorderConfig& recorder, const MissionConfig& mission, const StereoRig& rig,
+               std::uint64_t free_bytes, PrediveReport& report) {
+  const double planned = static_cast<double>(plannedBytes(recorder, mission, rig).total()) / kGiB +
+                         recorder.image_reserve_mib / 1024;
+  const double free = static_cast<double>(free_bytes) / kGiB;
+  const std::string found = decimals(free, 1) + " GiB free, " + decimals(planned, 1) + " GiB wanted for " +
+                            decimals(recorder.planned_hours, 1) + " h";
+  if (free_bytes == 0)
+    report.bad("disk", "unknown to the system", "look whether the mission folder's disk is mounted");
+  else if (free >= planned)
+    report.good("disk", found);
+  else
+    report.bad("disk", found, "make room, or set recorder.planned_hours to what the dive takes");
+}
+
+void checkArming(const rt::ArmingResult& arming, PrediveReport& report) {
+  for (const rt::ArmingCheck& check : arming.checks) {
+    if (check.ok)
+      report.good(check.name, check.found);
+    else if (check.required)
+      report.bad(check.name, check.missing.empty() ? check.found : check.missing, check.grant);
+    else
+      report.unused(check.name, check.missing.empty() ? check.found : check.missing);
+  }
+}
+
+void checkSensors(const PrediveFacts& facts, const MissionConfig& mission, const PrediveConfig& limits,
+                  PrediveReport& report) {
+  checkDvl(facts, limits, report);
+  checkCompass(facts, limits, report);
+  checkDepth(facts, limits, report);
+  checkPositions(facts, mission, limits, report);
+  checkBattery(facts, limits, report);
+  checkModem(facts.modem, report);
+}
+
+}  // namespace fathom::io

@@ -1,9 +1,0 @@
-#include "realtime/kernel/install_prefix.hpp"
-
-namespace fathom {
-
-std::filesystem::path installPrefix() {
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path();
-}
-
-}  // namespace fathom

@@ -1,0 +1,280 @@
+#include "realtime/kernel/threads/arming.hpp"
+
+#include <fcntl.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <fstream>
+#include <string_view>
+#include <system_error>
+
+#include "realtime/base/text.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/memory/process_memory.hpp"
+
+namespace fathom::rt {
+namespace {
+
+std::string mibText(std::size_t bytes) {
+  return formatted("%.1f MiB", mebibytes(bytes));
+}
+
+std::string firstLine(const char* path) {
+  std::ifstream file(path);
+  std::string line;
+  std::getline(file, line);
+  return line;
+}
+
+std::string limitText(rlim_t limit) {
+  return limit == RLIM_INFINITY ? "unlimited" : std::to_string(limit);
+}
+
+rlimit limitOf(__rlimit_resource_t resource) {
+  rlimit limit{};
+  ::getrlimit(resource, &limit);
+  return limit;
+}
+
+// Whether this process has a capability, from /proc (capget would need libcap's names).
+bool hasCapability(int number) {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    constexpr std::string_view kKey = "CapEff:";
+    if (!line.starts_with(kKey)) continue;
+    const auto set = std::stoull(line.substr(kKey.size()), nullptr, 16);
+    return (set >> number & 1) != 0;
+  }
+  return false;
+}
+constexpr int kCapIpcLock = 14;  // linux/capability.h
+constexpr const char* kLockedMemory = "locked memory";
+
+ArmingCheck checkPriority(const RealtimeConfig& config) {
+  const int priority = highestPriority(config);
+  ArmingCheck check;
+  check.name = "SCHED_FIFO";
+  ThreadConfig thread;
+  thread.name = "arming";
+  thread.fifo_priority = priority;
+  RtThread trial(thread);
+  const bool started = trial.start([] {});
+  trial.join();
+  const rlim_t limit = limitOf(RLIMIT_RTPRIO).rlim_cur;
+  check.ok = started && trial.refused().empty();
+  check.found =
+      check.ok ? "priority " + std::to_string(priority) + " granted" : "RLIMIT_RTPRIO " + limitText(limit);
+  if (!check.ok) {
+    check.missing = "priority " + std::to_string(priority) + " refused (" +
+                    (trial.refused().empty() ? "no thread" : trial.refused().front()) +
+                    "), RLIMIT_RTPRIO is " + limitText(limit);
+    check.grant = "LimitRTPRIO=" + std::to_string(priority) + " or AmbientCapabilities=CAP_SYS_NICE";
+  }
+  return check;
+}
+
+ArmingCheck checkCpus(const RealtimeConfig& config) {
+  ArmingCheck check;
+  check.name = "CPUs";
+  cpu_set_t allowed;
+  CPU_ZERO(&allowed);
+  ::sched_getaffinity(0, sizeof allowed, &allowed);
+  std::string refused;
+  for (const auto* list : {&config.hard_cpus, &config.soft_cpus, &config.best_effort_cpus})
+    for (const int cpu : *list)
+      if (cpu >= CPU_SETSIZE || !CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
+        refused += (refused.empty() ? "" : ", ") + std::to_string(cpu);
+  check.ok = refused.empty();
+  check.found =
+      std::to_string(CPU_COUNT(&allowed)) + " allowed of " + std::to_string(::sysconf(_SC_NPROCESSORS_ONLN));
+  if (!check.ok) {
+    check.missing = "CPU " + refused + " of [realtime] is absent or not allowed";
+    check.grant = "CPUAffinity= with these CPUs, or none; or correct hard_cpus, soft_cpus, best_effort_cpus";
+  }
+  return check;
+}
+
+ArmingCheck checkBudget(const MemoryBudget& budget) {
+  ArmingCheck check;
+  check.name = "memory budget";
+  check.found = mibText(budget.plannedBytes()) + " planned of " + mibText(budget.budgetBytes());
+  check.ok = budget.fits();
+  if (!check.ok) {
+    check.missing = "the pools need " + mibText(budget.plannedBytes()) + ", [memory] budget_mib allows " +
+                    mibText(budget.budgetBytes());
+    check.grant = "raise budget_mib, or make pools smaller (--print-budget lists them)";
+  }
+  return check;
+}
+
+// Reads "Key:  123 kB" of /proc/meminfo [bytes]; 0 where it does not say.
+std::size_t memInfo(std::string_view key) {
+  std::ifstream file("/proc/meminfo");
+  for (std::string line; std::getline(file, line);)
+    if (line.starts_with(key)) return std::stoull(line.substr(key.size() + 1)) * 1024;
+  return 0;
+}
+
+ArmingCheck checkAvailable(const MemoryBudget& budget, std::size_t resident) {
+  ArmingCheck check;
+  check.name = "memory of the machine";
+  const std::size_t available = memInfo("MemAvailable");
+  const std::size_t planned = budget.plannedBytes();
+  const std::size_t to_come = planned > resident ? planned - resident : 0;
+  check.found = mibText(available) + " available";
+  check.ok = available == 0 || available >= to_come;
+  if (!check.ok) {
+    check.missing = mibText(to_come) + " still to be taken, " + mibText(available) + " available";
+    check.grant = "end other programs, or lower the budget";
+  }
+  return check;
+}
+
+std::string lockGrant() {
+  return "LimitMEMLOCK=infinity or AmbientCapabilities=CAP_IPC_LOCK";
+}
+
+ArmingCheck checkLockLimit(const MemoryBudget& budget) {
+  ArmingCheck check;
+  check.name = kLockedMemory;
+  const rlim_t limit = limitOf(RLIMIT_MEMLOCK).rlim_cur;
+  // mlockall counts address space, so that a finite limit is hardly ever sufficient; the attempt decides.
+  check.ok = hasCapability(kCapIpcLock) || limit == RLIM_INFINITY || limit >= budget.budgetBytes();
+  check.found = hasCapability(kCapIpcLock) ? "CAP_IPC_LOCK" : "RLIMIT_MEMLOCK " + limitText(limit);
+  if (!check.ok) {
+    check.missing =
+        "RLIMIT_MEMLOCK is " + limitText(limit) + " bytes, the budget " + mibText(budget.budgetBytes());
+    check.grant = lockGrant();
+  }
+  return check;
+}
+
+void lockMemory(ArmingCheck& check) {
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
+    leaveBulkData();
+    check.found = "all, present and future";
+    return;
+  }
+  const int error = errno;
+  populateMappings();
+  check.ok = false;
+  check.missing = "mlockall refused (" + std::generic_category().message(error) + "), RLIMIT_MEMLOCK is " +
+                  limitText(limitOf(RLIMIT_MEMLOCK).rlim_cur) + " bytes";
+  check.grant = lockGrant();
+}
+
+// Resident set once everything is in place: reveals memory that the plan omits.
+ArmingCheck checkResident(const MemoryBudget& budget) {
+  ArmingCheck check;
+  check.name = "resident set";
+  const std::size_t resident = exactResidentBytes();
+  check.found = mibText(resident) + " of " + mibText(budget.budgetBytes());
+  check.ok = resident <= budget.budgetBytes();
+  if (!check.ok) {
+    check.missing =
+        mibText(resident) + " are resident, [memory] budget_mib allows " + mibText(budget.budgetBytes());
+    check.grant = "raise budget_mib, or make pools or heap_mib smaller (--print-budget lists them)";
+  }
+  return check;
+}
+
+ArmingCheck note(std::string name, std::string found) {
+  ArmingCheck check;
+  check.name = std::move(name);
+  check.required = false;
+  check.found = std::move(found);
+  return check;
+}
+
+void addNotes(std::vector<ArmingCheck>& checks) {
+  const std::string runtime = firstLine("/proc/sys/kernel/sched_rt_runtime_us");
+  const std::string period = firstLine("/proc/sys/kernel/sched_rt_period_us");
+  if (!runtime.empty())
+    checks.push_back(note("real-time throttling",
+                          runtime == "-1" ? "off" : runtime + " of " + period + " us for real-time threads"));
+  const std::string source = firstLine("/sys/devices/system/clocksource/clocksource0/current_clocksource");
+  if (!source.empty()) checks.push_back(note("clock source", source));
+  checks.push_back(
+      note("kernel", firstLine("/sys/kernel/realtime") == "1" ? "PREEMPT_RT" : "not PREEMPT_RT"));
+}
+
+}  // namespace
+
+bool ArmingResult::complete() const noexcept {
+  return std::all_of(checks.begin(), checks.end(), [](const ArmingCheck& c) { return c.ok || !c.required; });
+}
+
+std::string ArmingResult::missingNames() const {
+  std::string names;
+  for (const ArmingCheck& check : checks)
+    if (!check.ok && check.required) names += (names.empty() ? "" : ", ") + check.name;
+  return names;
+}
+
+std::string ArmingResult::message() const {
+  if (complete()) return "";
+  std::string text = soft ? "armed in soft mode, without real time:\n" : "not armed:\n";
+  for (const ArmingCheck& check : checks)
+    if (!check.ok && check.required)
+      text += "  " + check.name + ": " + check.missing + "\n    needs " + check.grant + "\n";
+  if (!soft) text += "  or run with --soft, which continues without it and reports that in every status\n";
+  return text;
+}
+
+std::string ArmingResult::table() const {
+  std::string text;
+  for (const ArmingCheck& check : checks)
+    text += formatted("%-8s %-24s %s\n", check.ok ? (check.required ? "ok" : "note") : "MISSING",
+                      check.name.c_str(), (check.ok ? check.found : check.missing).c_str());
+  return text;
+}
+
+ArmingResult checkArming(const RealtimeConfig& realtime, const MemoryBudget& budget) {
+  ArmingResult result;
+  result.soft = realtime.soft;
+  result.checks = {checkPriority(realtime), checkCpus(realtime), checkBudget(budget),
+                   checkAvailable(budget, exactResidentBytes()), checkLockLimit(budget)};
+  addNotes(result.checks);
+  return result;
+}
+
+ArmingResult arm(const RealtimeConfig& realtime, const MemoryBudget& budget, HeapReserve& heap,
+                 std::size_t heap_bytes) {
+  ArmingResult result = checkArming(realtime, budget);
+  if (!result.armed()) return result;
+  ArmingCheck reserve;
+  reserve.name = "heap reserve";
+  reserve.found = mibText(heap_bytes) + " taken";
+  reserve.ok = heap.reserve(heap_bytes);
+  if (!reserve.ok) {
+    reserve.missing = "the system has no " + mibText(heap_bytes) + " for it";
+    reserve.grant = "lower heap_mib, or give the machine more memory";
+  }
+  lockMemory(*std::find_if(result.checks.begin(), result.checks.end(),
+                           [](const ArmingCheck& c) { return c.name == kLockedMemory; }));
+  result.checks.push_back(reserve);
+  result.checks.push_back(checkResident(budget));
+  return result;
+}
+
+CpuWakeLimit::CpuWakeLimit(int microseconds) noexcept {
+  if (microseconds < 0) return;
+  file_ = ::open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);
+  const std::int32_t limit = microseconds;
+  // The limit holds for as long as the file is open.
+  if (file_ >= 0 && ::write(file_, &limit, sizeof limit) != sizeof limit) {
+    ::close(file_);
+    file_ = -1;
+  }
+}
+
+CpuWakeLimit::~CpuWakeLimit() {
+  if (file_ >= 0) ::close(file_);
+}
+
+}  // namespace fathom::rt

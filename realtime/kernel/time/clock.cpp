@@ -1,0 +1,49 @@
+#include "realtime/kernel/time/clock.hpp"
+
+#include <sys/timex.h>
+
+#include <cassert>
+#include <cerrno>
+#include <ctime>
+
+#include "realtime/base/units.hpp"
+
+namespace fathom::rt {
+namespace {
+
+std::int64_t now(clockid_t id) noexcept {
+  timespec time{};
+  const int failed = ::clock_gettime(id, &time);
+  assert(failed == 0);
+  static_cast<void>(failed);
+  return static_cast<std::int64_t>(time.tv_sec) * kSecond_ns + time.tv_nsec;
+}
+
+}  // namespace
+
+std::int64_t RealClock::monotonicNs() const noexcept {
+  return now(CLOCK_MONOTONIC);
+}
+std::int64_t RealClock::utcNs() const noexcept {
+  return now(CLOCK_REALTIME);
+}
+
+void RealClock::sleepUntil(std::int64_t monotonic_ns) noexcept {
+  if (monotonic_ns <= 0) return;
+  timespec time{};
+  time.tv_sec = static_cast<time_t>(monotonic_ns / kSecond_ns);
+  time.tv_nsec = static_cast<long>(monotonic_ns % kSecond_ns);
+  // A signal ends the sleep early; the absolute time makes it safe to repeat.
+  while (::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &time, nullptr) == EINTR) {
+  }
+}
+
+SystemClockState readSystemClock() noexcept {
+  timex clock = {};
+  const int state = ::adjtimex(&clock);
+  if (state < 0) return {};
+  return {true, state != TIME_ERROR && (clock.status & STA_UNSYNC) == 0, (clock.status & STA_PPSSIGNAL) != 0,
+          static_cast<double>(clock.maxerror) / 1e6};
+}
+
+}  // namespace fathom::rt

@@ -1,0 +1,225 @@
+#include "recon/calibration/sensor_checks.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/calibration/epipolar_check.hpp"
+
+namespace fathom::calibration {
+namespace {
+
+constexpr std::size_t kFewest = 8;      // samples, or steps
+constexpr std::size_t kBlocks = 10;     // at most
+constexpr double kLeastScatter = 1e-4;  // [m]
+
+using Samples = std::vector<RangeSample>;
+
+double ratioOf(const Samples& samples) {
+  std::vector<double> ratios;
+  for (const RangeSample& s : samples) ratios.push_back(s.stereo / s.dvl);
+  return median(std::move(ratios));
+}
+
+// (offset, scale) of the robust line. The DVL's ranges scatter: its four beams sample a rough seafloor,
+// stereo averages it. Therefore the DVL's range is regressed on stereo's, and the line inverted; regressed in
+// the opposite direction, the scatter would flatten it.
+Eigen::Vector2d lineOf(const Samples& samples) {
+  constexpr int kIterations = 30;
+  Eigen::Vector2d line(0, 1 / ratioOf(samples));  // dvl = line(0) + line(1) * stereo
+  for (int i = 0; i < kIterations; ++i) {
+    std::vector<double> residuals;
+    for (const RangeSample& s : samples) residuals.push_back(s.dvl - line(0) - line(1) * s.stereo);
+    const double sigma = std::max(madSigma(residuals, 0.0), kLeastScatter);
+    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d right = Eigen::Vector2d::Zero();
+    for (std::size_t k = 0; k < samples.size(); ++k) {
+      const Eigen::Vector2d row(1, samples[k].stereo);
+      const double weight = cauchyWeight(residuals[k] / sigma);
+      normal += weight * row * row.transpose();
+      right += weight * samples[k].dvl * row;
+    }
+    line = normal.ldlt().solve(right);
+  }
+  return {-line(0) / line(1), 1 / line(1)};
+}
+
+// The samples in consecutive blocks.
+std::vector<Samples> blocksOf(const Samples& samples) {
+  const std::size_t count = std::clamp<std::size_t>(samples.size() / 3, 2, kBlocks);
+  std::vector<Samples> out(count);
+  for (std::size_t k = 0; k < samples.size(); ++k) out[k * count / samples.size()].push_back(samples[k]);
+  return out;
+}
+
+// Standard deviation of an estimate by leaving out one block after another (jackknife).
+template <typename Estimate>
+Eigen::VectorXd jackknife(const std::vector<Samples>& blocks, const Estimate& estimate) {
+  std::vector<Eigen::VectorXd> without;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    Samples rest;
+    for (std::size_t other = 0; other < blocks.size(); ++other)
+      if (other != b) rest.insert(rest.end(), blocks[other].begin(), blocks[other].end());
+    without.push_back(estimate(rest));
+  }
+  const auto n = static_cast<double>(without.size());
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(without[0].size()), squares = mean;
+  for (const auto& w : without) mean += w / n;
+  for (const auto& w : without) squares += (w - mean).cwiseAbs2();
+  return ((n - 1) / n * squares).cwiseSqrt();
+}
+
+constexpr double kLeastRotation = 1e-6, kLeastMiddle = 1e-6;  // of the scatter [rad], [m]
+// Standard deviation of the weak prior of each axis; one known no better than half of it is reported as open.
+constexpr double kOpen = 0.15;  // [rad]
+
+enum class Uses { kRotations, kMiddles, kBoth };
+
+Eigen::Matrix3d turn(const Eigen::Vector3d& rotation) {
+  Vector6d twist = Vector6d::Zero();
+  twist.tail<3>() = rotation;
+  return SE3::exp(twist).matrix3();
+}
+
+Eigen::Vector3d logOf(const Eigen::Matrix3d& rotation) {
+  return SE3(rotation, Eigen::Vector3d::Zero()).log().tail<3>();
+}
+
+struct Residuals {
+  Eigen::Vector3d rotation, middle;
+};
+
+Residuals residualsOf(const MotionStep& step, const Eigen::Matrix3d& X, const Eigen::Vector3d& place) {
+  const Eigen::Matrix3d body = step.T_b1_b0.matrix3();
+  return {logOf(X * step.R_c1_c0.toRotationMatrix() * X.transpose() * body.transpose()),
+          X * step.middle1 + place - step.T_b1_b0 * (X * step.middle0 + place)};
+}
+
+struct Scatter {
+  double rotation = 0, middle = 0;
+};
+
+Scatter scatterOf(const std::vector<MotionStep>& steps, const Eigen::Matrix3d& X,
+                  const Eigen::Vector3d& place) {
+  std::vector<double> rotations, middles;
+  for (const MotionStep& s : steps) {
+    const Residuals r = residualsOf(s, X, place);
+    for (int i = 0; i < 3; ++i) rotations.push_back(r.rotation(i)), middles.push_back(r.middle(i));
+  }
+  return {std::max(madSigma(std::move(rotations), 0.0), kLeastRotation),
+          std::max(madSigma(std::move(middles), 0.0), kLeastMiddle)};
+}
+
+// Gauss-Newton by hand: the scatter that scales the weights is estimated again in every step, which a loss of
+// Ceres does not do.
+MountEstimate estimate(const std::vector<MotionStep>& steps, const SE3& assumed, Uses uses,
+                       Scatter& scatter) {
+  constexpr int kIterations = 30;
+  constexpr double kStep = 1e-6, kEnough = 1e-9;  // [rad]
+  MountEstimate out;
+  const Eigen::Matrix3d start = assumed.matrix3();
+  const Eigen::Vector3d& place = assumed.translation();
+  Eigen::Matrix3d information;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    const Eigen::Matrix3d X = turn(out.rotation) * start;
+    scatter = scatterOf(steps, X, place);
+    information = Eigen::Matrix3d::Identity() / (kOpen * kOpen);
+    Eigen::Vector3d gradient = out.rotation / (kOpen * kOpen);
+    for (const MotionStep& s : steps) {
+      const Residuals r = residualsOf(s, X, place);
+      Eigen::Matrix3d by_rotation, by_middle;
+      for (int i = 0; i < 3; ++i) {
+        const Eigen::Vector3d moved = out.rotation + kStep * Eigen::Vector3d::Unit(i);
+        const Residuals there = residualsOf(s, turn(moved) * start, place);
+        by_rotation.col(i) = (there.rotation - r.rotation) / kStep;
+        by_middle.col(i) = (there.middle - r.middle) / kStep;
+      }
+      const auto add = [&](const Eigen::Matrix3d& jacobian, const Eigen::Vector3d& residual, double sigma) {
+        const double weight = cauchyWeight(residual.norm() / (std::sqrt(3.0) * sigma)) / (sigma * sigma);
+        information += weight * jacobian.transpose() * jacobian;
+        gradient += weight * jacobian.transpose() * residual;
+      };
+      if (uses != Uses::kMiddles) add(by_rotation, r.rotation, scatter.rotation);
+      if (uses != Uses::kRotations) add(by_middle, r.middle, scatter.middle);
+    }
+    const Eigen::Vector3d step = information.ldlt().solve(-gradient);
+    out.rotation += step;
+    if (step.norm() < kEnough) break;
+  }
+  out.known = true;
+  out.sigma = information.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
+  for (int i = 0; i < 3; ++i)
+    if (out.sigma(i) > 0.5 * kOpen) out.sigma(i) = std::numeric_limits<double>::infinity();
+  return out;
+}
+
+}  // namespace
+
+RangeCheck checkRanges(const std::vector<RangeSample>& samples) {
+  RangeCheck out;
+  out.samples = samples.size();
+  if (samples.size() < kFewest) return out;
+  std::vector<double> ranges, off;
+  for (const RangeSample& s : samples) ranges.push_back(s.dvl);
+  std::sort(ranges.begin(), ranges.end());
+  out.shortest = ranges[ranges.size() / 20];
+  out.longest = ranges[ranges.size() - 1 - ranges.size() / 20];
+  out.ratio = ratioOf(samples);
+  for (const RangeSample& s : samples) off.push_back(s.stereo / s.dvl - out.ratio);
+  out.scatter = madSigma(off, 0.0);
+  const std::vector<Samples> blocks = blocksOf(samples);
+  std::vector<double> of_blocks;
+  for (const Samples& block : blocks) of_blocks.push_back(ratioOf(block));
+  double squares = 0;
+  for (const double r : of_blocks) squares += (r - out.ratio) * (r - out.ratio);
+  const auto n = static_cast<double>(blocks.size());
+  out.ratio_sigma = std::sqrt(squares / (n * (n - 1)));
+
+  constexpr double kSpan = 1.25;  // of longest over shortest; below, scale and offset cannot be separated
+  out.line_known = out.longest > kSpan * out.shortest;
+  if (!out.line_known) return out;
+  const Eigen::Vector2d line = lineOf(samples);
+  const Eigen::VectorXd sigma =
+      jackknife(blocks, [](const Samples& s) { return Eigen::VectorXd(lineOf(s)); });
+  out.offset = line(0), out.scale = line(1);
+  out.offset_sigma = sigma(0), out.scale_sigma = sigma(1);
+  return out;
+}
+
+MountAlignment alignMount(const std::vector<MotionStep>& steps, const SE3& assumed) {
+  MountAlignment out;
+  out.steps = steps.size();
+  if (steps.size() < kFewest) return out;
+  Scatter scatter;
+  out.compass = estimate(steps, assumed, Uses::kRotations, scatter);
+  out.dvl = estimate(steps, assumed, Uses::kMiddles, scatter);
+  out.both = estimate(steps, assumed, Uses::kBoth, scatter);
+  out.rotation_scatter = scatter.rotation;
+  out.middle_scatter = scatter.middle;
+
+  // Ratio of the visual displacement to the one expected from the DVL.
+  const Eigen::Matrix3d X = turn(out.both.rotation) * assumed.matrix3();
+  const Eigen::Vector3d& place = assumed.translation();
+  constexpr double kLeastMove = 0.05;  // shorter steps determine no scale [m]
+  std::vector<double> ratios;
+  for (const MotionStep& s : steps) {
+    const Eigen::Vector3d before = X * s.middle0 + place, expected = s.T_b1_b0 * before;
+    const Eigen::Vector3d moved = X * s.middle1 + place - before;
+    out.turned += logOf(s.T_b1_b0.matrix3()).norm();
+    out.travelled += s.T_b1_b0.translation().norm();
+    if ((expected - before).norm() > kLeastMove)
+      ratios.push_back(moved.dot(expected - before) / (expected - before).squaredNorm());
+  }
+  if (!ratios.empty()) {
+    constexpr double kMedian = 1.2533;  // standard error of a median over that of a mean
+    out.speed_ratio = median(ratios);
+    out.speed_ratio_sigma =
+        kMedian * madSigma(ratios, out.speed_ratio) / std::sqrt(static_cast<double>(ratios.size()));
+  }
+  return out;
+}
+
+}  // namespace fathom::calibration

@@ -1,0 +1,134 @@
+#include <algorithm>
+#include <cmath>
+
+#include "recon/lighting/lighting_impl.hpp"
+
+namespace fathom::lighting {
+namespace {
+
+constexpr int kSolveAlways = 32;    // images up to which every image is followed by a solution
+constexpr int kSolveFraction = 16;  // later, one in this share of the images so far
+
+}  // namespace
+
+void LightingModel::Impl::predict(const ChannelModel& channel, Errors& errors) const {
+  constexpr int kPatch = 4;       // nodes a side: smaller structure is the seafloor's
+  constexpr double kWorst = 1.0;  // most that an error counts: a fish can fill a patch
+  for (int pj = 0; pj < lattice.rows; pj += kPatch)
+    for (int pi = 0; pi < lattice.columns; pi += kPatch) {
+      double sums[3] = {}, count = 0, count_range = 0;
+      for (int j = pj; j < std::min(pj + kPatch, lattice.rows); ++j)
+        for (int i = pi; i < std::min(pi + kPatch, lattice.columns); ++i) {
+          const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+          if (means[n] <= 0) continue;
+          const double measured = std::log(static_cast<double>(means[n]));
+          count += 1;
+          sums[0] += measured - static_cast<double>(channel.whole().log_mean);
+          sums[1] += measured - static_cast<double>(channel.plain(n).log_mean);
+          if (!(ranges[n] > 0) || !channel.knowsRange()) continue;
+          count_range += 1;
+          sums[2] +=
+              measured - static_cast<double>(channel.atRange(n, RangeBins::position(ranges[n])).log_mean);
+        }
+      for (std::size_t k = 0; k < 3; ++k) {
+        const double in = k == 2 ? count_range : count;
+        if (in == 0) continue;
+        errors.sums[k] += std::min(std::abs(sums[k]) / in, kWorst);
+        errors.count[k] += 1;
+      }
+    }
+}
+
+template <typename T>
+bool LightingModel::Impl::unlit(const ImageView& image) const {
+  constexpr float kUnlit = 0.15F;  // of the expected brightness
+  const ChannelModel& channel = channels.front();
+  if (!channel.known()) return false;
+  const bool plain = solved_images >= config.min_images;  // serves where ranges are not known
+  const float full = static_cast<float>((1 << bits) - 1), black = colour->pedestal(0);
+  std::size_t dark = 0;
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      // A sample of the first channel: of a mosaic, at even rows and columns.
+      const auto x = static_cast<std::size_t>(lattice.u(i)) / 2 * 2,
+                 y = static_cast<std::size_t>(lattice.v(j)) / 2 * 2;
+      const T* line = static_cast<const T*>(image.data) + y * (image.stride / sizeof(T));
+      const float measured =
+          static_cast<float>(line[x * static_cast<std::size_t>(format == PixelFormat::kRgb ? 3 : 1)]);
+      const bool ranged = ranges[n] > 0 && channel.knowsRange();
+      if (!ranged && !plain) continue;
+      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
+      dark += measured / full - black < kUnlit * (brightnesses[n] * std::exp(level.log_mean) - black);
+    }
+  return 2 * dark > lattice.size();
+}
+
+template <typename T>
+void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* range) {
+  Errors errors;
+  for (std::size_t c = 0; c < channels.size(); ++c) {
+    ChannelModel& channel = channels[c];
+    channel.statistics().add<T>(image, static_cast<float>(config.saturated), brightnesses, ranges, means);
+    if (solved_images < config.min_images || !channel.known()) continue;
+    predict(channel, errors);
+    learnRatios(c, range);
+  }
+  const auto mean = [&](int k) { return errors.count[k] > 0 ? errors.sums[k] / errors.count[k] : -1.0; };
+  choice.score(mean(0), mean(1), mean(2));
+}
+
+void LightingModel::Impl::learnRatios(std::size_t c, const RangeLattice* range) {
+  const ChannelModel& channel = channels[c];
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      if (means[n] <= 0) continue;
+      const bool ranged = ranges[n] > 0 && channel.knowsRange();
+      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
+      const float expected = std::exp(level.log_mean);
+      RangeLattice::Ground ground;
+      if (ranged) ground = range->groundAt(lattice.u(i), lattice.v(j));
+      colour->learn(c, expected * brightnesses[n], means[n] / expected, ranged ? &ground : nullptr);
+    }
+}
+
+void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range, double exposure_s) {
+  if (!fits(image)) {
+    ++ignored;
+    return;
+  }
+  if (exposure == 0 && exposure_s > 0 && std::isfinite(exposure_s)) exposure = exposure_s;
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
+      brightnesses[n] = brightness(exposure_s);
+      if (ranges[n] > 0) brightnesses[n] *= colour->lit(range->groundAt(lattice.u(i), lattice.v(j)));
+    }
+  if (bits == 8 ? unlit<std::uint8_t>(image) : unlit<std::uint16_t>(image)) {
+    ++ignored;
+    return;
+  }
+  if (bits == 8)
+    learn<std::uint8_t>(image, range);
+  else
+    learn<std::uint16_t>(image, range);
+  ++images;
+  ++held;
+  if (config.memory > 0 && held >= 2 * config.memory) {
+    for (ChannelModel& channel : channels) channel.statistics().halve();
+    colour->halve();
+    held /= 2;
+  }
+  samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
+  if (held > kSolveAlways && images - solved_images < held / kSolveFraction) return;
+  for (ChannelModel& channel : channels) channel.solve(held, config.outlier);
+  float contrast = 0;
+  for (const ChannelModel& channel : channels)
+    contrast += channel.contrast() / static_cast<float>(channels.size());
+  colour->solve(contrast);
+  solved_images = images;
+}
+
+}  // namespace fathom::lighting

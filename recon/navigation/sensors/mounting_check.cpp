@@ -1,0 +1,124 @@
+#include "recon/navigation/sensors/mounting_check.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "recon/geometry/se3.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
+
+namespace fathom::slam {
+namespace {
+
+constexpr int kUnknowns = 5;                                 // turn, scale, offset
+constexpr int kMountingRounds = 8;                           // of weights
+constexpr double kTurn = 0.1, kScale = 0.05, kOffset = 0.5;  // as known before [rad], [1], [s]
+// Change of the rate of turn over a step, in standard deviations of its noise, below which the step is not
+// used for the offset: the noise of rates would hide it.
+constexpr double kTurning = 5;
+// Of the offset: differences over two steps see rates that change faster as smaller than they are.
+constexpr double kSmoothed = 0.1;
+
+using Row = Eigen::Matrix<double, 6, kUnknowns>;
+using Vector5d = Eigen::Matrix<double, kUnknowns, 1>;
+using Matrix5d = Eigen::Matrix<double, kUnknowns, kUnknowns>;
+
+struct Step {
+  Row by;
+  Vector6d error;
+  Matrix6d information;
+};
+
+double stepSeconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-9;
+}
+
+bool isMeasured(const KeyframeInput& frame) {
+  return !frame.attitude_held && !frame.depth_held && !frame.compass_jumped && frame.unlocked_s == 0 &&
+         frame.untilted_s == 0;
+}
+
+// Of frame k, by those beside it.
+Vector6d twistAt(const std::vector<KeyframeInput>& frames, std::size_t k) {
+  const KeyframeInput &before = frames[k - 1], &after = frames[k + 1];
+  return (before.T_odom_cam.inverse() * after.T_odom_cam).log() / stepSeconds(after.utc_ns - before.utc_ns);
+}
+
+// Of dead reckoning over the step, in the axes of b.
+Matrix6d reckoningSpread(const KeyframeInput& a, const KeyframeInput& b, double turn,
+                         const SensorNoise& noise) {
+  StepQuality quality;
+  quality.seconds = stepSeconds(b.utc_ns - a.utc_ns);
+  const double path = (b.T_odom_cam.translation() - a.T_odom_cam.translation()).norm();
+  const double step = stepSigma(path, quality, noise);
+  const double tilt = 2 * noise.tilt * noise.tilt + noise.tilt_turn * noise.tilt_turn * turn;
+  const double heading =
+      2 * noise.heading * noise.heading + noise.deviation_turn * noise.deviation_turn * turn;
+  const Eigen::Matrix3d R = b.T_odom_cam.matrix3();
+  const double depth = std::hypot(noise.depth, b.pressure_sigma);
+  const Eigen::Vector3d place(step * step, step * step, 2 * depth * depth);
+  Matrix6d spread = Matrix6d::Zero();
+  spread.topLeftCorner<3, 3>() = R.transpose() * place.asDiagonal() * R;
+  spread.bottomRightCorner<3, 3>() = R.transpose() * Eigen::Vector3d(tilt, tilt, heading).asDiagonal() * R;
+  return spread;
+}
+
+Step stepOf(const std::vector<KeyframeInput>& frames, const NavigationLink& link, const SensorNoise& noise) {
+  const KeyframeInput &a = frames[link.a], &b = frames[link.b];
+  const SE3 path = a.T_odom_cam.inverse() * b.T_odom_cam;
+  const Eigen::Matrix3d back = path.matrix3().transpose();
+  const Eigen::Vector3d down = a.T_odom_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d level = path.translation() - down.dot(path.translation()) * down;
+  Step step;
+  step.by.topLeftCorner<3, 3>() = back * crossMatrix(path.translation());
+  step.by.bottomLeftCorner<3, 3>() = Eigen::Matrix3d::Identity() - back;
+  step.by.col(3) << back * level, Eigen::Vector3d::Zero();
+  const Vector6d change = twistAt(frames, link.b) - adjoint(path.inverse()) * twistAt(frames, link.a);
+  const double rate = noise.heading / stepSeconds(b.utc_ns - a.utc_ns);
+  if (change.tail<3>().norm() > kTurning * rate)
+    step.by.col(4) = change;
+  else
+    step.by.col(4).setZero();
+  step.error = (path.inverse() * link.T_a_b).log();
+  const double turn = std::abs(down.dot(path.log().tail<3>()));
+  step.information = (link.covariance + reckoningSpread(a, b, turn, noise)).inverse();
+  return step;
+}
+
+}  // namespace
+
+Mounting mountingOf(const std::vector<KeyframeInput>& frames, std::span<const NavigationLink> links,
+                    const SensorNoise& noise) {
+  std::vector<Step> steps;
+  for (const NavigationLink& link : links) {
+    if (!link.ofChain() || link.a == 0 || link.b + 1 >= frames.size()) continue;
+    const auto around = std::span(frames).subspan(link.a - 1, 4);
+    if (std::all_of(around.begin(), around.end(), isMeasured)) steps.push_back(stepOf(frames, link, noise));
+  }
+  Vector5d before;
+  before << Eigen::Vector3d::Constant(kTurn), kScale, kOffset;
+  Vector5d x = Vector5d::Zero(), sigma = before;
+  for (int round = 0; round < kMountingRounds && !steps.empty(); ++round) {
+    Matrix5d square = before.cwiseAbs2().cwiseInverse().asDiagonal();
+    Vector5d right = Vector5d::Zero();
+    for (const Step& step : steps) {
+      const Vector6d left = step.error - step.by * x;
+      const double weight = cauchyWeight(left.dot(step.information * left), kLinkFree);
+      const Eigen::Matrix<double, kUnknowns, 6> weighted = weight * step.by.transpose() * step.information;
+      square += weighted * step.by;
+      right += weighted * step.error;
+    }
+    const Eigen::LLT<Matrix5d> factor(square);
+    x = factor.solve(right);
+    sigma = factor.solve(Matrix5d::Identity()).diagonal().cwiseSqrt();
+  }
+  return {x.head<3>(),
+          sigma.head<3>(),
+          x(3),
+          sigma(3),
+          x(4),
+          std::hypot(sigma(4), kSmoothed * x(4)),
+          static_cast<int>(steps.size())};
+}
+
+}  // namespace fathom::slam
