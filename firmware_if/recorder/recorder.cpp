@@ -257,7 +257,7 @@ void Recorder::Impl::publish(State when_well) {
 void Recorder::Impl::lookAtDisk(std::int64_t now) {
   if (now < next_disk_look_ns) return;
   next_disk_look_ns = now + kDiskLookInterval_ns;
-  const double free = static_cast<double>(freeBytes(paths.root)) / kMiB;
+  const double free = static_cast<double>(freeBytes(paths.root)) / kMebibyte;
   guard.update(free);
   free_mib.store(free, std::memory_order_relaxed);
 }

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "firmware_if/recorder/image_writer.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::io {
 namespace {
@@ -67,7 +68,7 @@ std::uint64_t freeBytes(const std::filesystem::path& folder) {
 std::string plannedRoomWarning(const RecorderConfig& config, const MissionConfig& mission,
                                const StereoRig& rig, const std::filesystem::path& folder) {
   const PlannedBytes planned = plannedBytes(config, mission, rig);
-  const double reserve = config.image_reserve_mib * kMiB, free = static_cast<double>(freeBytes(folder));
+  const double reserve = config.image_reserve_mib * kMebibyte, free = static_cast<double>(freeBytes(folder));
   if (static_cast<double>(planned.total()) + reserve <= free) return "";
   const double per_hour = imageBytesPerHour(mission, rig) + kLogBytesPerHour;
   char line[240];

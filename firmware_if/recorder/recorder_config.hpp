@@ -7,11 +7,12 @@
 
 #include "firmware_if/mission/mission.hpp"
 #include "realtime/base/config_table.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom::io {
 
-inline constexpr double kMiB = 1024.0 * 1024.0, kGiB = 1024.0 * kMiB;  // [bytes]
+inline constexpr double kGiB = 1024.0 * kMebibyte;  // [bytes]
 
 struct RecorderConfig {
   double sync_interval_s = 0.5;     // everything is synced to the disk this often

@@ -105,7 +105,7 @@ bool RecordingFolder::open(std::int64_t now_ns) {
 bool RecordingFolder::openAll() {
   mission_ = prepareMissionFolder(paths_.root, mission_, rig_);
   const std::uint64_t room = plannedBytes(config_, mission_, rig_).log;
-  if (!log_.open(paths_.log(), room, static_cast<std::uint64_t>(config_.log_reserve_mib * kMiB))) {
+  if (!log_.open(paths_.log(), room, static_cast<std::uint64_t>(config_.log_reserve_mib * kMebibyte))) {
     failure_ = paths_.log().filename().string() + ": " + log_.failure();
     return false;
   }

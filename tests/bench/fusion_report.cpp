@@ -8,6 +8,7 @@
 #include <map>
 #include <vector>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/heap_counter.hpp"
 #include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
@@ -79,7 +80,7 @@ void dive(const fusion::QuadtreeConfig& config, int pairs) {
   fusion::QuadtreeMap map(config);
   std::printf("dive of %d pairs, finest cells %.4f m, %d tiles, %.1f MiB in all\n", pairs,
               config.root_size / 16 / (1 << config.max_level), config.max_tiles,
-              static_cast<double>(map.counters().memory_bytes) / kMiB);
+              mebibytes(map.counters().memory_bytes));
   double worst = 0, sum = 0;
   std::uint64_t heap_calls = 0;
   for (int pair = 0; pair < pairs; ++pair) {

@@ -41,7 +41,7 @@ double cachedMib(const std::filesystem::path& folder) {
       for (const unsigned char r : resident) pages += r & 1;
     ::munmap(memory, size);
   }
-  return static_cast<double>(pages * page) / kMiB;
+  return static_cast<double>(pages * page) / kMebibyte;
 }
 
 struct Sizes {
@@ -99,8 +99,8 @@ void printRecording(const RecordingCost& m, const io::Recorder::Counters& c, con
   const double log_bytes =
       static_cast<double>(c.bytes) - static_cast<double>(c.images) * static_cast<double>(image_bytes + 4096);
   std::printf("  written                %6.1f MiB of images, log %.1f MiB an hour\n",
-              static_cast<double>(c.images) * static_cast<double>(image_bytes) / kMiB,
-              log_bytes / kMiB / sizes.seconds * 3600);
+              static_cast<double>(c.images) * static_cast<double>(image_bytes) / kMebibyte,
+              log_bytes / kMebibyte / sizes.seconds * 3600);
   std::printf("  images in page cache   %6.1f MiB; most waiting: %zu inputs, %zu images of a camera\n",
               m.cached_mib, c.input_high_water, c.image_high_water);
 }

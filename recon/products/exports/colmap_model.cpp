@@ -17,7 +17,6 @@ static_assert(std::endian::native == std::endian::little, "COLMAP's files are wr
 
 constexpr std::array<std::string_view, 7> kColmapFiles = {
     "cameras.bin", "images.bin", "points3D.bin", "cameras.txt", "images.txt", "points3D.txt", "origin.txt"};
-constexpr double kColmapHalfPixel = 0.5;
 
 struct ColmapCamera {
   int model;  // COLMAP's number of it
@@ -26,8 +25,7 @@ struct ColmapCamera {
 };
 
 ColmapCamera colmapCamera(const Camera& c) {
-  ColmapCamera out{
-      4, "OPENCV", {c.fx, c.fy, c.cx + kColmapHalfPixel, c.cy + kColmapHalfPixel, c.k1, c.k2, c.p1, c.p2}};
+  ColmapCamera out{4, "OPENCV", {c.fx, c.fy, c.cx + kHalfPixel, c.cy + kHalfPixel, c.k1, c.k2, c.p1, c.p2}};
   if (c.k3 == 0) return out;
   out.model = 6;
   out.name = "FULL_OPENCV";
@@ -125,8 +123,8 @@ void writeImages(const std::filesystem::path& folder, const SparseModel& model, 
       table.count(view.features.size());
       for (std::size_t k = 0; k < view.features.size(); ++k) {
         const Eigen::Vector2f& pixel = left ? view.features[k].left : view.features[k].right;
-        table.number(static_cast<double>(pixel.x()) + kColmapHalfPixel);
-        table.number(static_cast<double>(pixel.y()) + kColmapHalfPixel);
+        table.number(static_cast<double>(pixel.x()) + kHalfPixel);
+        table.number(static_cast<double>(pixel.y()) + kHalfPixel);
         table.number(std::uint64_t{view.point_of[k]} + 1);
       }
       table.line();

@@ -12,7 +12,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 constexpr std::array<std::string_view, 3> kNerfFiles = {"transforms.json", "points.ply", "origin.txt"};
-constexpr double kNerfHalfPixel = 0.5;
 
 Json frameOf(const std::string& path, const Camera& c, const SE3& T_world_cam) {
   Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
@@ -26,8 +25,8 @@ Json frameOf(const std::string& path, const Camera& c, const SE3& T_world_cam) {
           {"h", c.height},
           {"fl_x", c.fx},
           {"fl_y", c.fy},
-          {"cx", c.cx + kNerfHalfPixel},
-          {"cy", c.cy + kNerfHalfPixel},
+          {"cx", c.cx + kHalfPixel},
+          {"cy", c.cy + kHalfPixel},
           {"k1", c.k1},
           {"k2", c.k2},
           {"k3", c.k3},

@@ -49,6 +49,9 @@ struct SparseModel {
   [[nodiscard]] double meanError() const;  // over all pixels [px]
 };
 
+// Pixel coordinates of other programs, whose corner pixel is centred on (0.5, 0.5), less ours.
+inline constexpr double kHalfPixel = 0.5;
+
 // The rotation from nav to that world.
 [[nodiscard]] SE3 worldFromNav();
 // Where the world is on the Earth, in words and as a coordinate system, for people.

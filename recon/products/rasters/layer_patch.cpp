@@ -8,7 +8,6 @@
 namespace fathom::topside {
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr int kMaxSamples = 4;  // along a mosaic cell's side: more would not change a mean of 8 bits
 
 // A window whose cells are `parts` times smaller, and which of a mesh's corners stand where in it.
@@ -30,8 +29,8 @@ float mixed(const std::array<double, 3>& w, float a, float b, float c) {
 void drawSurface(const TileMesh& tile, LayerPatch& patch) {
   const Mesh& mesh = tile.mesh;
   const std::size_t cells = patch.surface.cells();
-  patch.elevation.assign(cells, kNaN);
-  patch.sigma.assign(cells, kNaN);
+  patch.elevation.assign(cells, kNoValue);
+  patch.sigma.assign(cells, kNoValue);
   patch.views.assign(cells, 0);
   for (const auto& t : mesh.triangles) {
     const std::uint32_t a = t[0], b = t[1], c = t[2];

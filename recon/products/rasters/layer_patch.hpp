@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -33,6 +34,9 @@ struct CellWindow {
 
 // The cells that belong to a leaf tile.
 [[nodiscard]] CellWindow cellsOf(const TileId& tile, const TileGrid& grid, double cell);
+
+// The value of a cell without surface.
+inline constexpr float kNoValue = std::numeric_limits<float>::quiet_NaN();
 
 // One leaf tile drawn from above: rows from low to high north, columns from low to high east. What is
 // uppermost is seen; under an overhang nothing is. NaN (mosaic: alpha 0) where there is no surface.

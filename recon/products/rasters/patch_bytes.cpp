@@ -101,9 +101,8 @@ std::vector<std::uint8_t> surfaceBytes(const LayerPatch& patch) {
 
 void takeSurface(const std::vector<std::uint8_t>& raw, LayerPatch& patch) {
   const std::size_t n = patch.surface.cells();
-  constexpr float kEmpty = std::numeric_limits<float>::quiet_NaN();
-  patch.elevation.assign(n, kEmpty);
-  patch.sigma.assign(n, kEmpty);
+  patch.elevation.assign(n, kNoValue);
+  patch.sigma.assign(n, kNoValue);
   patch.views.assign(n, 0);
   std::uint32_t height = 0;
   for (std::size_t k = 0; k < n; ++k) {

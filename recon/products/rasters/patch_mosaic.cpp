@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 
 namespace fathom::topside {
@@ -86,8 +85,7 @@ std::shared_ptr<const LayerPatch> PatchMosaic::patchOf(const TileId& tile, Patch
 
 PatchMosaic::Surface PatchMosaic::surface(const CellWindow& window) {
   Surface out;
-  constexpr float kAbsent = std::numeric_limits<float>::quiet_NaN();
-  for (auto* values : {&out.elevation, &out.sigma, &out.views}) values->assign(window.cells(), kAbsent);
+  for (auto* values : {&out.elevation, &out.sigma, &out.views}) values->assign(window.cells(), kNoValue);
   for (const TileId& tile : tilesIn(window, cells_.surface)) {
     const auto patch = patchOf(tile, PatchPart::kSurface);
     if (!patch) continue;

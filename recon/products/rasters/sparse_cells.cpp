@@ -1,7 +1,8 @@
 #include "recon/products/rasters/sparse_cells.hpp"
 
 #include <algorithm>
-#include <limits>
+
+#include "recon/products/rasters/layer_patch.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -9,7 +10,6 @@ namespace {
 constexpr std::int32_t kEdge = 64;  // of a square [cells]; a power of two
 constexpr std::int32_t kShift = 6;
 static_assert(1 << kShift == kEdge);
-constexpr float kUnseen = std::numeric_limits<float>::quiet_NaN();
 
 std::size_t within(std::int32_t x, std::int32_t y) {
   return static_cast<std::size_t>((x & (kEdge - 1)) * kEdge + (y & (kEdge - 1)));
@@ -19,7 +19,7 @@ std::size_t within(std::int32_t x, std::int32_t y) {
 
 void SparseCells::set(std::int32_t x, std::int32_t y, float value) {
   std::vector<float>& square = squares_[{x >> kShift, y >> kShift}];
-  if (square.empty()) square.assign(kEdge * kEdge, kUnseen);
+  if (square.empty()) square.assign(kEdge * kEdge, kNoValue);
   square[within(x, y)] = value;
   if (extent_.cells() == 0) {
     extent_ = {x, y, 1, 1};
@@ -35,7 +35,7 @@ void SparseCells::set(std::int32_t x, std::int32_t y, float value) {
 
 float SparseCells::get(std::int32_t x, std::int32_t y) const {
   const auto found = squares_.find({x >> kShift, y >> kShift});
-  return found == squares_.end() ? kUnseen : found->second[within(x, y)];
+  return found == squares_.end() ? kNoValue : found->second[within(x, y)];
 }
 
 CellWindow SparseCells::extent() const {

@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "realtime/base/units.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr float kUndefined = std::numeric_limits<float>::quiet_NaN();
 constexpr double kLevel = 1e-5;  // gradient below which a plane has no aspect
 
 // Sums over rectangles of the view from its corner.
@@ -113,8 +111,8 @@ SlopeAspect slopeAspect(const TerrainView& view, const TerrainWindow& window) {
   const Whole whole(view);
   SlopeAspect out;
   const std::size_t cells = static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.columns);
-  out.slope.assign(cells, kUndefined);
-  out.aspect.assign(cells, kUndefined);
+  out.slope.assign(cells, kNoValue);
+  out.aspect.assign(cells, kNoValue);
   for (std::int32_t n = 0, k = 0; n < view.rows; ++n) {
     for (std::int32_t e = 0; e < view.columns; ++e, ++k) {
       const std::int32_t row = n + view.halo, column = e + view.halo;
@@ -153,7 +151,7 @@ std::vector<float> rugosity(const TerrainView& view, const TerrainWindow& window
   }
   const int r = window.radius;
   std::vector<float> out(static_cast<std::size_t>(view.rows) * static_cast<std::size_t>(view.columns),
-                         kUndefined);
+                         kNoValue);
   for (std::int32_t n = 0, k = 0; n < view.rows; ++n) {
     for (std::int32_t e = 0; e < view.columns; ++e, ++k) {
       const std::int32_t row = n + view.halo, column = e + view.halo;

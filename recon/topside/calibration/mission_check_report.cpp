@@ -6,6 +6,7 @@
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
+#include "recon/topside/report/json_values.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -14,16 +15,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 using calibration::MountEstimate;
 
-Json scaledTriple(const Eigen::Vector3d& v, double factor = 1) {
-  Json out = Json::array();
-  for (int i = 0; i < 3; ++i) out.push_back(std::isfinite(v(i)) ? Json(factor * v(i)) : Json(nullptr));
-  return out;
-}
-
 Json estimateJson(const MountEstimate& e) {
   return {{"known", e.known},
-          {"off_deg", scaledTriple(e.rotation, kDegreesPerRadian)},
-          {"sigma_deg", scaledTriple(e.sigma, kDegreesPerRadian)}};
+          {"off_deg", jsonOf(kDegreesPerRadian * e.rotation)},
+          {"sigma_deg", jsonOf(kDegreesPerRadian * e.sigma)}};
 }
 
 Json missionJson(const MissionCheck& c, const MissionVerdict& verdict) {
@@ -47,8 +42,8 @@ Json missionJson(const MissionCheck& c, const MissionVerdict& verdict) {
             {"columns", calibration::kEpipolarColumns},
             {"rows", calibration::kEpipolarRows},
             {"cells", cells},
-            {"right_turned_deg", scaledTriple(e.rotation, kDegreesPerRadian)},
-            {"right_turned_sigma_deg", scaledTriple(e.rotation_sigma, kDegreesPerRadian)},
+            {"right_turned_deg", jsonOf(kDegreesPerRadian * e.rotation)},
+            {"right_turned_sigma_deg", jsonOf(kDegreesPerRadian * e.rotation_sigma)},
             {"right_focal_longer", e.focal},
             {"right_focal_sigma", e.focal_sigma},
             {"sigma_after_px", e.sigma_after}}},

@@ -1,11 +1,7 @@
 #include "recon/topside/input/navigation_seed_plane.hpp"
 
 namespace fathom::topside {
-namespace {
-
-constexpr double kLooksAhead = 0.3;  // cosine of the principal ray from the vertical, below
-
-}  // namespace
+namespace {}  // namespace
 
 stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body, double altitude) {
   // Of the attitude alone, bit by bit: a pose that moved leaves what was made of its images as it was.

@@ -13,6 +13,9 @@ namespace fathom::topside {
 // Where a pair's seafloor should be, in the left camera frame; none: nobody knows.
 using SeedPlanes = std::vector<std::optional<stereo::SeedPlane>>;
 
+// Cosine of the principal ray from the vertical, below which a camera looks ahead rather than down.
+inline constexpr double kLooksAhead = 0.3;
+
 // A level seafloor `altitude` below the DVL.
 [[nodiscard]] stereo::SeedPlane seedPlane(const io::MissionConfig& mission, const SE3& T_nav_body,
                                           double altitude);

@@ -3,11 +3,11 @@
 #include <optional>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/topside/input/navigation_seed_plane.hpp"
 
 namespace fathom::topside {
 namespace {
 
-constexpr double kLooksForward = 0.3;     // cosine of the principal ray from the vertical, below
 constexpr std::size_t kFewFeatures = 10;  // tell no range
 
 // To what the frame's features show; nothing for few.
@@ -37,7 +37,7 @@ Frames framesOf(const io::MissionConfig& mission, const Survey& survey, const Fe
     frames.reckoned.push_back(T_nav_cam);
     frames.range.push_back(survey.planes[k]->ahead());
     // The DVL does not tell how far a wall is.
-    if ((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksForward)
+    if ((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksAhead)
       frames.range.back() = medianRange(frames, frames.range.size() - 1).value_or(frames.range.back());
   }
   return frames;

@@ -21,7 +21,7 @@ using Json = nlohmann::ordered_json;
 constexpr double kMaxZ = 0.02, kAtRange = 2.0;  // [m]
 constexpr double kNearestRange = 1.0;           // [m]
 constexpr double kMaxScaleError = 0.005;
-constexpr double kSigmas = 3;  // of the ellipses
+constexpr double kEllipseSigmas = 3;  // of the ellipses
 constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
 
 double allowed(const BoardError& board) {
@@ -65,7 +65,7 @@ web::Plot scatter(const BoardCheck& check, int a, int b) {
     const double angle = 2 * std::numbers::pi * i / kCorners;
     const Eigen::Vector2d direction(std::cos(angle), std::sin(angle));
     ellipse.at.push_back(1e3 * Eigen::Vector2d(check.mean(a), check.mean(b)) +
-                         kSigmas * axes.vectors *
+                         kEllipseSigmas * axes.vectors *
                              axes.values.cwiseMax(0.0).cwiseSqrt().cwiseProduct(direction));
   }
   plot.series.push_back(std::move(ellipse));

@@ -9,6 +9,7 @@
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/geometry/flat_port.hpp"
+#include "recon/topside/report/json_values.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -61,10 +62,6 @@ Json portJson(const Camera& camera, const calibration::PortSigma& sigma) {
           {"water_index", port.water_index}};
 }
 
-Json tripleJson(const Eigen::Vector3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
 Json calibrationJson(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
   Json views = Json::array(), dropped = Json::array();
   for (const CalibratedView& v : done.views)
@@ -83,10 +80,10 @@ Json calibrationJson(const RigCalibration& done, const std::optional<calibration
           {"rms_alone_px", alone},
           {"baseline_m", {{"value", done.rig.baseline()}, {"sigma", done.sigma.baseline}}},
           {"T_right_left",
-           {{"translation_m", tripleJson(T.translation())},
-            {"translation_sigma_m", tripleJson(done.sigma.translation)},
-            {"euler_rad", tripleJson(T.euler())},
-            {"rotation_sigma_rad", tripleJson(done.sigma.rotation)}}},
+           {{"translation_m", jsonOf(T.translation())},
+            {"translation_sigma_m", jsonOf(done.sigma.translation)},
+            {"euler_rad", jsonOf(T.euler())},
+            {"rotation_sigma_rad", jsonOf(done.sigma.rotation)}}},
           {"left", cameraJson(lensOf(done.rig.left), done.sigma.left)},
           {"right", cameraJson(lensOf(done.rig.right), done.sigma.right)},
           {"left_port", portJson(done.rig.left, done.sigma.left_port)},

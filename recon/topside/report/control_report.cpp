@@ -3,16 +3,13 @@
 #include <cmath>
 
 #include "realtime/base/text.hpp"
+#include "recon/topside/report/json_values.hpp"
 
 namespace fathom::topside {
 namespace {
 
 using Json = nlohmann::ordered_json;
 using web::Row;
-
-Json jsonOf(const Eigen::Vector3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
 
 const char* useOf(const ControlResult::Point& p) {
   return !p.surveyed ? "tie" : p.check ? "check" : p.left_out ? "left out" : "control";

@@ -6,6 +6,7 @@
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/topside/report/control_report.hpp"
+#include "recon/topside/report/json_values.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -14,17 +15,13 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
 
-Json threeNumbers(const Eigen::Vector3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
 // Estimate less truth and estimated standard deviation in nav axes (north, east, down); rotation about these.
 Json momentJson(const Consistency::Moment& m) {
   return {{"time_s", m.time_s},
-          {"error_m", threeNumbers(m.position)},
-          {"sigma_m", threeNumbers(m.sigma_position)},
-          {"turn_error_rad", threeNumbers(m.turn)},
-          {"turn_sigma_rad", threeNumbers(m.sigma_turn)},
+          {"error_m", jsonOf(m.position)},
+          {"sigma_m", jsonOf(m.sigma_position)},
+          {"turn_error_rad", jsonOf(m.turn)},
+          {"turn_sigma_rad", jsonOf(m.sigma_turn)},
           {"squared_error_over_covariance", m.squared},
           {"squared_error_over_covariance_since_first", m.since_first}};
 }
@@ -32,8 +29,8 @@ Json momentJson(const Consistency::Moment& m) {
 // SlamResult::mounting has camera_turn in body axes: roll, pitch, yaw.
 Json mountingJson(const slam::Mounting& m) {
   return {{"steps", m.steps},
-          {"camera_roll_pitch_yaw_rad", threeNumbers(m.camera_turn)},
-          {"camera_roll_pitch_yaw_sigma_rad", threeNumbers(m.camera_turn_sigma)},
+          {"camera_roll_pitch_yaw_rad", jsonOf(m.camera_turn)},
+          {"camera_roll_pitch_yaw_sigma_rad", jsonOf(m.camera_turn_sigma)},
           {"dvl_scale", m.dvl_scale},
           {"dvl_scale_sigma", m.dvl_scale_sigma},
           {"time_offset_s", m.time_offset},

@@ -15,10 +15,10 @@
 #include <stdexcept>
 #include <vector>
 
+#include "realtime/base/units.hpp"
+
 namespace fathom::sim {
 namespace {
-
-constexpr double kMib = 1024.0 * 1024.0;
 
 bool runShell(const std::string& command) {
   return std::system((command + " >/dev/null 2>&1").c_str()) == 0;
@@ -65,7 +65,7 @@ std::string RecordingDisk::open(const std::filesystem::path& folder, std::uint64
 bool RecordingDisk::fill(double leave_mib) {
   const int fd = ::open(filler().c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
   if (fd < 0) return false;
-  const auto leave = static_cast<std::uint64_t>(leave_mib * kMib);
+  const auto leave = static_cast<std::uint64_t>(leave_mib * kMebibyte);
   // Ever smaller pieces, since metadata takes a part of the free space.
   off_t size = 0;
   for (std::uint64_t piece = 256ULL << 20; piece >= 4096; piece /= 2) {

@@ -9,8 +9,6 @@
 
 namespace fathom::bench {
 
-inline constexpr double kMiB = 1024.0 * 1024.0;  // [bytes]
-
 // A clock's time [ms]. The thread's own by default: other programs on the machine count little.
 [[nodiscard]] inline double cpuMs(clockid_t clock = CLOCK_THREAD_CPUTIME_ID) {
   timespec t{};

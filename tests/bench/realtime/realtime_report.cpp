@@ -27,7 +27,6 @@ namespace {
 using sim::ChildProcess;
 using test::LatencyHistogram;
 
-constexpr std::size_t kMib = std::size_t{1} << 20;
 // Both end by themselves when the report is gone.
 const char* const kHog = "while kill -0 $PPID; do i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done; done";
 const char* const kOverAndOver = "while kill -0 $PPID; do ";
@@ -164,9 +163,9 @@ int reportRealtime(const RealtimeOptions& options) {
   if (options.cpu >= 0) config.hard_cpus = {options.cpu};
   const rt::CpuWakeLimit wake(config.cpu_wake_us);
   HardLoop loop(config);
-  rt::MemoryBudget budget(512 * kMib);  // the libraries of every report are locked too
+  rt::MemoryBudget budget(512 * kMebibyte);  // the libraries of every report are locked too
   rt::HeapReserve heap;
-  const rt::ArmingResult armed = rt::arm(config, budget, heap, 16 * kMib);
+  const rt::ArmingResult armed = rt::arm(config, budget, heap, 16 * kMebibyte);
   std::fputs(armed.table().c_str(), stdout);
   if (!armed.complete()) std::fputs(armed.message().c_str(), stderr);
   if (!armed.armed()) return kExitFailedWork;

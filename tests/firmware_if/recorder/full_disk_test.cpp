@@ -10,6 +10,7 @@
 
 #include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/recorder/recorder.hpp"
+#include "realtime/base/units.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/recording_gaps.hpp"
 #include "tests/support/test_data.hpp"
@@ -21,8 +22,6 @@ using test::DivePlayer;
 using test::SyntheticDive;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-constexpr std::uint64_t kMiB = 1024 * 1024;
 
 class FullDisk : public ::testing::Test {
  protected:
@@ -76,7 +75,7 @@ TEST_F(FullDisk, StopsImagesFirstThenRawBytesAndInputsNever) {
   EXPECT_EQ(recorder_->disk(), Recorder::Disk::kRoom);
   EXPECT_EQ(recorder_->counters().images, 4u);
 
-  fill(6 * kMiB);
+  fill(6 * kMebibyte);
   playOneSecond();
   playOneSecond();
   EXPECT_EQ(recorder_->disk(), Recorder::Disk::kImagesStopped);
@@ -84,7 +83,7 @@ TEST_F(FullDisk, StopsImagesFirstThenRawBytesAndInputsNever) {
   const std::uint64_t raw = recorder_->counters().raw_entries;
   EXPECT_EQ(raw, 15u);
 
-  fill(1 * kMiB);
+  fill(1 * kMebibyte);
   playOneSecond();
   playOneSecond();
   EXPECT_EQ(recorder_->disk(), Recorder::Disk::kRawStopped);
