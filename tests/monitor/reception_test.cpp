@@ -73,9 +73,23 @@ class Reception : public ::testing::Test {
     std::ofstream(folder_.path() / "page/index.html") << "page";
   }
 
-  // The longest that reception waited for the model while something went on, less what this machine, busy
-  // with other work, kept it from waking up in time.
+  // The longest that reception waited for the model while something went on, at the best of three tries: a
+  // lock that is held too long shows in each of them, another process that takes the holder's processor in
+  // some.
   double longestWait(const std::function<void()>& beside) {
+    constexpr int kTries = 3;
+    double least_s = waitOnce(beside);
+    for (int i = 1; i < kTries && least_s >= kMostDelay_s; ++i) least_s = std::min(least_s, waitOnce(beside));
+    return least_s;
+  }
+
+  SampleDive dive_;
+  SharedModel shared_{telemetry::LinkIdentity{7, 42}, std::nullopt, 1};
+  test::TemporaryFolder folder_;
+
+ private:
+  // Less what this machine, busy with other work, kept reception from waking up in time.
+  double waitOnce(const std::function<void()>& beside) {
     std::atomic<bool> over{false};
     double longest_s = 0, late_s = 0;
     std::thread reception([&] {
@@ -94,10 +108,6 @@ class Reception : public ::testing::Test {
     std::printf("reception waited %.3f s for the model, %.3f s for a processor\n", longest_s, late_s);
     return longest_s - late_s;
   }
-
-  SampleDive dive_;
-  SharedModel shared_{telemetry::LinkIdentity{7, 42}, std::nullopt, 1};
-  test::TemporaryFolder folder_;
 };
 
 TEST_F(Reception, IsNotDelayedByAnyPageRequestOrExport) {

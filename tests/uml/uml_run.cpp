@@ -45,7 +45,7 @@ constexpr int kEndedBeforeCut = 126;
 struct Options {
   std::vector<std::string> command;
   bool can = false;
-  fs::path disk;
+  fs::path disk, since;
   int format_mib = 0;
   std::optional<double> cut_after_s;
   std::optional<std::uint64_t> cache_seed;
@@ -196,12 +196,14 @@ int watch(const Options& options, const JobFolder& job, pid_t machine) {
   std::optional<SteadyClock::time_point> started;
   for (;;) {
     const bool gone = ::waitpid(machine, nullptr, WNOHANG) == machine;
-    if (!started && fs::exists(job / kStartedFile)) started = SteadyClock::now();
+    if (!started && fs::exists(options.since.empty() ? job / kStartedFile : options.since))
+      started = SteadyClock::now();
     if (gone) break;
     if (options.cut_after_s && started && since(*started) >= *options.cut_after_s) {
       killAll();
       if (fs::exists(job / kStatusFile)) break;
-      std::fprintf(stderr, "uml_run: power cut %.3f s after the command's start\n", since(*started));
+      std::fprintf(stderr, "uml_run: power cut %.3f s after the %s\n", since(*started),
+                   options.since.empty() ? "command's start" : "file was written");
       return 0;
     }
     if (since(begin) > options.limit_s) {
@@ -271,6 +273,7 @@ int main(int argc, char** argv) {
       ->needs(disk);
   app.add_option("--cut-after", options.cut_after_s, "Cuts the power this long after the command's start [s]")
       ->check(CLI::Range(0.0, 3600.0));
+  app.add_option("--since", options.since, "The cut counts from when this file is there");
   app.add_option("--limit", options.limit_s, "Kills the machine when it runs longer, boot included [s]")
       ->check(CLI::Range(1.0, 3600.0))
       ->capture_default_str();

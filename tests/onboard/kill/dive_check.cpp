@@ -14,8 +14,9 @@ double LoggedInputs::oldestLost(const DiveLife& life) const {
   if (life.navigates_ns == 0 || !life.first) return 0;
   for (std::size_t i = *life.first; const auto step = played_.at(i); ++i) {
     if (step->due_ns >= life.ended_utc_ns) return 0;
+    if (step->due_ns < life.navigates_utc_ns) continue;
     if (step->sample && logged_.count(keyOf(*step->sample)) == 0)
-      return static_cast<double>(life.ended_utc_ns - std::max(step->due_ns, life.navigates_utc_ns)) * 1e-9;
+      return static_cast<double>(life.ended_utc_ns - step->due_ns) * 1e-9;
   }
   return 0;
 }

@@ -20,7 +20,8 @@ class LoggedInputs {
   LoggedInputs(const std::filesystem::path& dive, const Playback& played);
 
   // How long before the end of that life the oldest input came that it was given and the log does not hold
-  // [s]; 0 when it holds all. What was due before it navigates comes when it begins to.
+  // [s]; 0 when it holds all. What was due before it navigates does not count: it comes at once when the
+  // devices start, as of no device, and may be more than its queue holds.
   [[nodiscard]] double oldestLost(const DiveLife& life) const;
 
  private:

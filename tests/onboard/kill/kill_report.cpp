@@ -240,7 +240,10 @@ bool killMappers(const Options& options, const DiveOrders& orders, Ship& ship) {
 
 int report(const Options& options) {
   const fs::path dive_folder = options.out / "dive";
-  DiveOrders orders{dive_folder, fs::absolute(options.mission), beginDive(options, dive_folder)};
+  DiveOrders orders;
+  orders.folder = dive_folder;
+  orders.mission = fs::absolute(options.mission);
+  orders.config = beginDive(options, dive_folder);
   orders.hard = options.hard;
   std::int64_t offset_ns = onboard::vehicleClockOffset(onboard::stateFolder(dive_folder));
   const rt::VehicleClock clock(offset_ns);
@@ -329,7 +332,8 @@ Report killedDive() {
            required({"config", &o.config, "onboard.toml"}),
            {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"},
            {"--hard", &o.hard, "not in soft mode"},
-           {"--for-s", &o.for_s, "ends by itself after so long [s]"},
+           {"--for-s", &o.for_s, "ends by itself so long after its map follows [s]"},
+           {"--begun", &o.begun, "file that is written when it navigates"},
            {"--leg-pairs", &o.leg_pairs, "of a leg, forward and back without end"},
            {"--from-s", &o.from_s, "the leg begins there in the mission [s]"},
            {"--rate", &o.clock.rate, "of the vehicle's clock"},

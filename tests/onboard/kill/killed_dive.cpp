@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <fstream>
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/kernel/memory/process_memory.hpp"
@@ -69,23 +70,25 @@ void sayMemory(LiveSystem& live, const MapState& map, std::size_t resident_at_ar
       loop != nullptr ? loop->skipped_cycles : 0, map.pairs_shed, mapper.checkpoints.bytes / 1024, saving_ms);
 }
 
-void watchOver(LiveSystem& live, const rt::VehicleClock& clock, double for_s) {
+void watchOver(LiveSystem& live, const rt::VehicleClock& clock, const DiveOrders& orders) {
   const std::size_t resident_at_arming = rt::exactResidentBytes();
   bool navigates = false, followed = false;
   MapState map;
   NavState nav;
   std::int64_t next_supervise_ns = 0, next_memory_ns = 0, said_ns = 0;
   std::uint64_t begun_with = 0;
-  const std::int64_t end_ns =
-      for_s > 0 ? clock.monotonicNs() + static_cast<std::int64_t>(for_s * 1e9) : INT64_MAX;
+  std::int64_t end_ns = INT64_MAX;
   while (end_requested == 0 && clock.monotonicNs() < end_ns) {
     const timespec rest = {0, static_cast<long>(said_ns == 0 ? kLook_ns : kSupervise_ns)};
     ::clock_nanosleep(CLOCK_MONOTONIC, 0, &rest, nullptr);
     if (!navigates && live.hard().readForSupervisor(nav) && nav.inputs > 0) {
       navigates = true;
       say("N %" PRId64 " %" PRId64 "\n", clock.monotonicNs(), clock.utcNs());
+      if (!orders.begun.empty()) std::ofstream(orders.begun).flush();
     }
     const bool caught_up = live.mapper().up().current() == MapperPhase::kRunning;
+    if (caught_up && !followed && orders.for_s > 0)
+      end_ns = clock.monotonicNs() + static_cast<std::int64_t>(orders.for_s * 1e9);
     if (caught_up && !followed)
       say("B %" PRId64 " %d\n", clock.monotonicNs(), static_cast<int>(live.mapperPid()));
     followed = caught_up;
@@ -157,7 +160,7 @@ int dive(const DiveOrders& orders) {
   else
     say("F %zu\n", played.first);
   say("A %" PRId64 "\n", clock.monotonicNs());
-  watchOver(live, clock, orders.for_s);
+  watchOver(live, clock, orders);
   const LiveSystem::End end = live.end(config.live.end_within_s);
   for (const std::string& line : end.left_out) say("# %s\n", line.c_str());
   return end.mapped ? kExitSuccess : kExitFailedWork;

@@ -17,7 +17,8 @@ struct DiveOrders {
   std::filesystem::path config;   // TOML
   bool hard = false;              // not in soft mode
   std::int64_t shift_ns = 0;      // added to the mission's times gives the vehicle's
-  double for_s = 0;               // it ends by itself after so long; 0: it does not
+  double for_s = 0;               // it ends by itself so long after its map follows; 0: it does not
+  std::filesystem::path begun;    // written when it navigates; empty: nothing is
   // Set: so many pairs of the mission, from there on, are flown forward and back without end, from `shift_ns`
   // on.
   std::size_t leg_pairs = 0;

@@ -21,10 +21,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kBoot_s = 6;        // from the first machine's start to the mission's first input
-constexpr double kMostLost_s = 1;    // before the cut
-constexpr double kShown_s = 1;       // before the cut: of what was shown later the disk may not know
-constexpr double kContinues_s = 12;  // for which the dive continues
+constexpr double kBoot_s = 6;       // from the first machine's start to the mission's first input
+constexpr double kMostLost_s = 1;   // before the cut
+constexpr double kShown_s = 1;      // before the cut: of what was shown later the disk may not know
+constexpr double kContinues_s = 4;  // for which the dive continues once its map follows
 constexpr const char* kMachine = "--memory 1024 --limit 150 --disk ";
 
 struct Options {
@@ -50,7 +50,8 @@ DiveLife readLife(const fs::path& status) {
 
 Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
   const TemporaryFolder folder;
-  const fs::path config = folder.path() / "onboard.toml", disk = folder.path() / "disk.img";
+  const fs::path config = folder.path() / "onboard.toml", disk = folder.path() / "disk.img",
+                 begun = folder.path() / "begun";
   std::ofstream(config) << "[slam]\nmax_pairs = 200\nmax_keyframes = 200\nfeatures = 200\n"
                            "[map]\nmax_tiles = 256\n[link]\nmax_squares = 64\n"
                            "[restart]\ncheckpoint_s = 1\nbuffer_mib = 16\n"
@@ -70,7 +71,8 @@ Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
   Cut cut;
   const uml::MachineRun first = uml::runMachine(
       kMachine + disk.string() + " --format 512 --volatile-cache " + std::to_string(drive_seed) +
-      " --cut-after " + std::to_string(after_s) + " -- bash -c '" + make + dive("before", "") + "'");
+      " --cut-after " + std::to_string(after_s) + " --since " + begun.string() + " -- bash -c '" + make +
+      dive("before", " --begun=" + begun.string()) + "'");
   const std::int64_t cut_ns = clock.utcNs();
   cut.skipped = first.status == uml::kSkipped;
   if (first.status != 0) cut.wrong.push_back("the machine: " + first.output);
@@ -108,7 +110,7 @@ Cut cutPower(const Options& options, double after_s, unsigned drive_seed) {
 
 int report(const Options& options) {
   std::mt19937 random(options.seed);
-  std::uniform_real_distribution<double> instant(8, 25);  // [s] after the machine's command began
+  std::uniform_real_distribution<double> instant(1, 18);  // [s] after it navigates
   int bad = 0;
   std::printf("%3s %7s %9s %6s %9s %9s %6s\n", "", "after s", "resumed", "from", "pairs", "keyframes",
               "lost s");
