@@ -34,18 +34,23 @@ std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::stri
   return address;
 }
 
-std::string readDeviceAddress(const ConfigTable& table, std::string_view key, std::string_view fallback,
-                              bool file_allowed) {
-  std::string text = table.text(key, fallback);
-  if (text.empty()) return text;
+void visitDeviceAddress(KeyVisitor& keys, const char* key, std::string& text, bool file_allowed,
+                        const char* meaning) {
+  keys.text(key, text, meaning);
+  if (text.empty()) return;
   std::string fix;
   const auto address = parseDeviceAddress(text, fix);
-  if (!address) table.fail(key, fix);
-  if (address->kind == DeviceAddress::Kind::kFile && !file_allowed)
-    table.fail(key, "give udp:HOST:PORT or serial:DEVICE:BAUD");
-  if (address->kind == DeviceAddress::Kind::kSerial && !SerialLine::knownRate(address->number))
-    table.fail(key, std::to_string(address->number) + " baud is not one of " + SerialLine::rates());
-  return text;
+  keys.require(address.has_value(), key, fix);
+  if (!address) return;
+  keys.require(address->kind != DeviceAddress::Kind::kFile || file_allowed, key,
+               "give udp:HOST:PORT or serial:DEVICE:BAUD");
+  keys.require(address->kind != DeviceAddress::Kind::kSerial || SerialLine::knownRate(address->number), key,
+               std::to_string(address->number) + " baud is not one of " + SerialLine::rates());
+}
+
+void visitModem(KeyVisitor& keys, std::string& address) {
+  visitDeviceAddress(keys, "device", address, false,
+                     "serial:DEVICE:BAUD or udp:HOST:PORT, live; empty: none");
 }
 
 std::unique_ptr<WaitingFramePort> openFramePort(const std::string& text, const std::string& where) {

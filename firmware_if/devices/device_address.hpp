@@ -7,7 +7,7 @@
 
 #include "firmware_if/devices/byte_stream.hpp"
 #include "firmware_if/devices/modem/modem_ports.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 
 namespace fathom::io {
 
@@ -25,10 +25,11 @@ struct DeviceAddress {
 // std::nullopt for a text of another form; then `fix` says what is wrong with it.
 [[nodiscard]] std::optional<DeviceAddress> parseDeviceAddress(std::string_view text, std::string& fix);
 
-// A key that holds such an address, checked down to the baud rate but not opened; empty when absent or
-// empty. InputError otherwise. The readers of `[dvl]` and `[modem]` use it.
-[[nodiscard]] std::string readDeviceAddress(const ConfigTable& table, std::string_view key,
-                                            std::string_view fallback, bool file_allowed);
+// A key that holds such an address, checked down to the baud rate but not opened; may be empty.
+void visitDeviceAddress(KeyVisitor& keys, const char* key, std::string& text, bool file_allowed,
+                        const char* meaning);
+// The keys of [modem]: its address.
+void visitModem(KeyVisitor& keys, std::string& address);
 
 // The modem at an address (serial or UDP); one that is not there is waited for. Throws InputError for an
 // address or a baud rate that can never be used, with `where` ("--modem udp:1") as the file's name.

@@ -7,7 +7,6 @@
 #include <array>
 #include <cctype>
 #include <cerrno>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -18,7 +17,7 @@
 #include "firmware_if/mission/log/raw_auv.hpp"
 #include "firmware_if/mission/sensor_log.hpp"
 #include "realtime/base/civil_time.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/files/descriptor.hpp"
 #include "realtime/base/files/input_file.hpp"
@@ -288,37 +287,6 @@ bool deriveRawAuv(const std::filesystem::path& folder, const std::function<bool(
   }
   text.commit();
   return true;
-}
-
-std::string tomlNumber(double value) {
-  std::array<char, 40> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr;
-  std::string text(buffer.data(), end);
-  // In TOML a number without point and exponent is an integer.
-  if (text.find_first_of(".en") == std::string::npos) text += ".0";
-  return text;
-}
-
-std::string tomlString(const std::string& text) {
-  std::string quoted = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\') {
-      quoted += '\\';
-      quoted += c;
-    } else if (c == '\n') {
-      quoted += "\\n";
-    } else if (c == '\t') {
-      quoted += "\\t";
-    } else if (byte < 0x20 || byte == 0x7f) {
-      char escape[8];
-      std::snprintf(escape, sizeof escape, "\\u%04X", byte);
-      quoted += escape;
-    } else {
-      quoted += c;
-    }
-  }
-  return quoted + "\"";
 }
 
 }  // namespace fathom::io

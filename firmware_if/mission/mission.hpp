@@ -102,9 +102,4 @@ MissionConfig prepareMissionFolder(const std::filesystem::path& folder, const Mi
 // std::exception when the disk refuses.
 bool deriveRawAuv(const std::filesystem::path& folder, const std::function<bool()>& go_on = {});
 
-// A double in TOML, the shortest decimal that reads back to the same bits.
-[[nodiscard]] std::string tomlNumber(double value);
-// A basic string with its quotes, every character that TOML would misread escaped.
-[[nodiscard]] std::string tomlString(const std::string& text);
-
 }  // namespace fathom::io

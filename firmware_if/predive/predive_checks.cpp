@@ -232,24 +232,23 @@ void checkModem(const ModemFacts& modem, PrediveReport& report) {
 
 }  // namespace
 
-PrediveConfig readPrediveConfig(const ConfigTable& table, PrediveConfig defaults) {
-  PrediveConfig config = defaults;
-  config.dvl_hz = table.number("dvl_hz", defaults.dvl_hz, 0.01, 100);
-  config.compass_hz = table.number("compass_hz", defaults.compass_hz, 0.01, 1000);
-  config.depth_hz = table.number("depth_hz", defaults.depth_hz, 0.01, 1000);
-  config.edge_px = table.number("edge_px", defaults.edge_px, 2, 100);
-  config.saturated_share = table.number("saturated_share", defaults.saturated_share, 0, 1);
-  config.mean_min = table.number("mean_min", defaults.mean_min, 0, 1);
-  config.mean_max = table.number("mean_max", defaults.mean_max, 0, 1);
-  config.pair_offset_s = table.number("pair_offset_s", defaults.pair_offset_s, 1e-6, 1);
-  config.deck_depth_m = table.number("deck_depth_m", defaults.deck_depth_m, 0, 12000);
-  config.deck_tilt_deg = table.number("deck_tilt_deg", defaults.deck_tilt_deg, 1, 90);
-  config.origin_km = table.number("origin_km", defaults.origin_km, 0.1, 20'000);
-  config.least_charge = table.number("least_charge", defaults.least_charge, 0, 1);
-  config.vehicle_size_m = table.number("vehicle_size_m", defaults.vehicle_size_m, 0.1, 100);
-  config.system_clock = table.boolean("system_clock", defaults.system_clock);
-  config.clock_error_s = table.number("clock_error_s", defaults.clock_error_s, 1e-6, 1000);
-  return config;
+void visitPredive(KeyVisitor& keys, PrediveConfig& c) {
+  keys.number("dvl_hz", c.dvl_hz, "Hz", 0.01, 100, "least rate of the DVL; 80 % of it passes");
+  keys.number("compass_hz", c.compass_hz, "Hz", 0.01, 1000, "of the compass");
+  keys.number("depth_hz", c.depth_hz, "Hz", 0.01, 1000, "of the depth sensor");
+  keys.number("edge_px", c.edge_px, "px", 2, 100, "widest that the sharpest edges of an image may be");
+  keys.number("saturated_share", c.saturated_share, "of the pixels", 0, 1, "most that may be saturated");
+  keys.number("mean_min", c.mean_min, "of full scale", 0, 1, "darkest mean of an image");
+  keys.number("mean_max", c.mean_max, "of full scale", 0, 1, "brightest");
+  keys.number("pair_offset_s", c.pair_offset_s, "s", 1e-6, 1, "median and spread of right against left");
+  keys.number("deck_depth_m", c.deck_depth_m, "m", 0, 12000, "most that the depth sensor may show on deck");
+  keys.number("deck_tilt_deg", c.deck_tilt_deg, "deg", 1, 90, "largest roll and pitch on deck");
+  keys.number("origin_km", c.origin_km, "km", 0.1, 20'000, "farthest fix from the mission's origin");
+  keys.number("least_charge", c.least_charge, "1", 0, 1, "of the battery");
+  keys.number("vehicle_size_m", c.vehicle_size_m, "m", 0.1, 100, "farthest sensor from the body's origin");
+  keys.boolean("system_clock", c.system_clock, "it must be synchronised; false: noted only");
+  keys.number("clock_error_s", c.clock_error_s, "s", 1e-6, 1000,
+              "largest stated error of the system's clock");
 }
 
 void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const PrediveConfig& limits,

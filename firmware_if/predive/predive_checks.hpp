@@ -5,7 +5,7 @@
 #include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "realtime/kernel/threads/arming.hpp"
 #include "realtime/kernel/time/clock.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -28,8 +28,7 @@ struct PrediveConfig {
   bool system_clock = true;     // the system's clock must be synchronised; else it is noted only
   double clock_error_s = 0.1;   // largest error that the system states of its own clock
 };
-// Throws InputError for a value out of range.
-[[nodiscard]] PrediveConfig readPrediveConfig(const ConfigTable& table, PrediveConfig defaults = {});
+void visitPredive(KeyVisitor& keys, PrediveConfig& config);
 
 // Each check adds green, red or unused rows for what was read and measured; pure functions.
 

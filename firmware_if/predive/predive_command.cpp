@@ -37,20 +37,22 @@ Configuration readConfiguration(const std::filesystem::path& path, const Mission
                                 const MakePrediveLink& make_link) {
   const ConfigTable root = ConfigTable::load(path);
   Configuration config;
-  const auto read = [&](const char* name, const auto& reader) {
-    const ConfigTable table = root.table(name);
-    reader(table);
-    table.finish();
+  const auto read = [&](const char* name, auto& values, const auto& visit) {
+    ConfigReader keys(root.table(name));
+    visit(keys, values);
+    keys.finish();
   };
-  read("predive", [&](const ConfigTable& t) { config.limits = readPrediveConfig(t); });
-  read("cameras", [&](const ConfigTable& t) { config.cameras = readCameraConfig(t, mission); });
-  read("can", [&](const ConfigTable& t) { config.can = readCanConfig(t, {}); });
-  read("dvl", [&](const ConfigTable& t) { config.dvl = readDvlConfig(t, {}); });
-  read("lcm", [&](const ConfigTable& t) { config.lcm = readLcmConfig(t, {}); });
-  read("recorder", [&](const ConfigTable& t) { config.recorder = readRecorderConfig(t); });
-  read("realtime", [&](const ConfigTable& t) { config.realtime = rt::readRealtimeConfig(t); });
-  read("memory", [&](const ConfigTable& t) { config.memory = rt::readMemoryConfig(t); });
-  config.modem = readDeviceAddress(root.table("modem"), "device", "", false);
+  read("predive", config.limits, visitPredive);
+  read("cameras", config.cameras,
+       [&](KeyVisitor& keys, StereoCameraConfig& c) { visitCameras(keys, c, mission); });
+  read("can", config.can, visitCan);
+  read("dvl", config.dvl, visitDvl);
+  read("lcm", config.lcm, visitLcm);
+  read("recorder", config.recorder, visitRecorder);
+  read("realtime", config.realtime, rt::visitRealtime);
+  read("memory", config.memory, rt::visitMemory);
+  ConfigReader modem(root.table("modem"));
+  visitModem(modem, config.modem);
   if (make_link) config.link = make_link(mission, root.table("link"));
   config.can.samples.latitude = mission.origin.latitude;
   return config;

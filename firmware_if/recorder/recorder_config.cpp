@@ -34,21 +34,23 @@ double imageBytesPerHour(const MissionConfig& mission, const StereoRig& rig) {
 
 }  // namespace
 
-RecorderConfig readRecorderConfig(const ConfigTable& table, RecorderConfig defaults) {
-  RecorderConfig c = defaults;
+void visitRecorder(KeyVisitor& keys, RecorderConfig& c) {
   // The most leaves the disk 0.2 s to answer within the second that a loss of power may cost.
-  c.sync_interval_s = table.number("sync_interval_s", c.sync_interval_s, 0.05, 0.8);
-  c.planned_hours = table.number("planned_hours", c.planned_hours, 0, 1000);
-  c.image_reserve_mib = table.number("image_reserve_mib", c.image_reserve_mib, 0, 1e7);
-  c.log_reserve_mib = table.number("log_reserve_mib", c.log_reserve_mib, 0, 1e7);
-  c.image_queue =
-      static_cast<std::size_t>(table.integer("image_queue", static_cast<std::int64_t>(c.image_queue), 1, 64));
-  c.raw_queue_kib = static_cast<std::size_t>(
-      table.integer("raw_queue_kib", static_cast<std::int64_t>(c.raw_queue_kib), 16, 8192));
-  c.acfr_channels = table.boolean("acfr_channels", c.acfr_channels);
-  if (c.log_reserve_mib > c.image_reserve_mib)
-    table.fail("log_reserve_mib", "is above image_reserve_mib; images stop before raw bytes do");
-  return c;
+  keys.number("sync_interval_s", c.sync_interval_s, "s", 0.05, 0.8,
+              "everything is synced to the disk this often; the rest of the second is for the disk");
+  keys.number(
+      "planned_hours", c.planned_hours, "h", 0, 1000,
+      "of recording still to come: the log's room is taken beforehand, and a disk too small is a warning");
+  keys.number("image_reserve_mib", c.image_reserve_mib, "MiB", 0, 1e7,
+              "below this much free disk no more images are written; not below log_reserve_mib");
+  keys.number("log_reserve_mib", c.log_reserve_mib, "MiB", 0, 1e7,
+              "below this much raw bytes and messages stop too; inputs never stop");
+  keys.integer("image_queue", c.image_queue, 1, 64,
+               "exposures of one camera waiting to be written, each holding a block of the camera's pool");
+  keys.integer("raw_queue_kib", c.raw_queue_kib, "KiB", 16, 8192, "bytes waiting in each of the 8 lanes");
+  keys.boolean("acfr_channels", c.acfr_channels, "ACFR messages beside Fathom's own");
+  keys.require(c.log_reserve_mib <= c.image_reserve_mib, "log_reserve_mib",
+               "is above image_reserve_mib; images stop before raw bytes do");
 }
 
 PlannedBytes plannedBytes(const RecorderConfig& config, const MissionConfig& mission, const StereoRig& rig) {

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "firmware_if/mission/mission.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
@@ -25,9 +25,8 @@ struct RecorderConfig {
   bool acfr_channels = true;        // ACFR messages beside Fathom's own, for other people's tools
 };
 
-// Table [recorder] of onboard.toml; keys as the members, ranges in this folder's README.md. Does not call
-// finish().
-[[nodiscard]] RecorderConfig readRecorderConfig(const ConfigTable& table, RecorderConfig defaults = {});
+// The keys of [recorder] in onboard.toml.
+void visitRecorder(KeyVisitor& keys, RecorderConfig& config);
 
 // What the planned hours will take on the disk.
 struct PlannedBytes {

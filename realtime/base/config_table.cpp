@@ -119,6 +119,7 @@ struct ConfigTable::Impl {
 };
 
 ConfigTable::ConfigTable(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ConfigTable::ConfigTable(const ConfigTable& other) : impl_(std::make_unique<Impl>(*other.impl_)) {}
 ConfigTable::ConfigTable(ConfigTable&&) noexcept = default;
 ConfigTable& ConfigTable::operator=(ConfigTable&&) noexcept = default;
 ConfigTable::~ConfigTable() = default;

@@ -20,6 +20,7 @@ class ConfigTable {
   // The same from text; `name` stands for the file in error lines.
   [[nodiscard]] static ConfigTable parse(std::string_view text, const std::string& name);
 
+  ConfigTable(const ConfigTable& other);  // the same table of the same file
   ConfigTable(ConfigTable&&) noexcept;
   ConfigTable& operator=(ConfigTable&&) noexcept;
   ~ConfigTable();

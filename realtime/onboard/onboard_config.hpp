@@ -13,9 +13,10 @@
 
 namespace fathom::onboard {
 
-// Everything that fathom-onboard's configuration file can set; README.md of this folder lists every key with
-// its unit, range and default.
+// Everything that fathom-onboard's configuration file can set.
 struct OnboardConfig {
+  OnboardConfig();
+
   stereo::SparseStereoConfig stereo;
   lighting::LightingConfig lighting{.memory = lighting::kOnboardMemory};
   fusion::QuadtreeConfig map;
@@ -29,6 +30,7 @@ struct OnboardConfig {
   nav::DeadReckoningConfig reckoning;          // gates of DVL and compass; the rest is the mission's
   double odometry_interval = 0.1;              // between rows of odometry.csv [s]
   double health_interval = 1.0;                // between rows of health.csv [s]
+  std::string key_file;                        // link.key_file
   std::optional<telemetry::LinkKey> link_key;  // of link.key_file; absent: requests are refused
   LiveConfig live;                             // devices, recorder, real time, memory
   std::string warning;                         // about the key file, or ""
@@ -40,6 +42,11 @@ struct OnboardConfig {
 // `mission`: what device tables take their defaults from.
 [[nodiscard]] OnboardConfig readOnboardConfig(const std::optional<std::filesystem::path>& path,
                                               const io::MissionConfig& mission = {});
+
+// Every key. A reader sets what follows from others.
+void visitOnboard(KeyVisitor& keys, OnboardConfig& config, const io::MissionConfig& mission);
+// The configuration as onboard.toml: each key with its unit, range, default and meaning.
+[[nodiscard]] std::string onboardToml(const OnboardConfig& config, const io::MissionConfig& mission);
 
 // The cores' own configurations for one mission.
 [[nodiscard]] NavCoreConfig navCoreConfig(const OnboardConfig& config, const io::MissionConfig& mission);

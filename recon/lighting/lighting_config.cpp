@@ -1,29 +1,29 @@
 #include "recon/lighting/lighting_config.hpp"
 
+#include <array>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
-#include <vector>
 
 namespace fathom::lighting {
 namespace {
 
-const std::vector<std::string> kChoices = {"auto", "whole", "plain", "range"};
+constexpr std::array kChoices = {"auto", "whole", "plain", "range"};
 
 }  // namespace
 
-LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig c) {
-  c.target_mean = table.number("target_mean", c.target_mean, 0.05, 0.95);
-  c.target_sigma = table.number("target_sigma", c.target_sigma, 0.01, 0.5);
-  c.min_images = static_cast<int>(table.integer("min_images", c.min_images, 1, 1000));
-  c.grid = static_cast<int>(table.integer("grid_px", c.grid, 4, 256));
-  c.saturated = table.number("saturated", c.saturated, 0.5, 1.0);
-  c.outlier = table.number("outlier_sigma", c.outlier, 1.0, 10.0);
-  c.memory = static_cast<int>(table.integer("memory_images", c.memory, 0, 1'000'000));
-  const std::string choice = table.choice("model", nameOf(c.choice), kChoices);
-  for (std::size_t k = 0; k < kChoices.size(); ++k)
-    if (choice == kChoices[k]) c.choice = static_cast<LightingChoice>(k);
-  return c;
+void visitLighting(KeyVisitor& keys, LightingConfig& c) {
+  keys.number("target_mean", c.target_mean, "of full scale", 0.05, 0.95, "after correction");
+  keys.number("target_sigma", c.target_sigma, "of full scale", 0.01, 0.5, "after correction");
+  keys.integer("min_images", c.min_images, "images", 1, 1000,
+               "before so many, one correction for the whole image");
+  keys.integer("grid_px", c.grid, "px", 4, 256, "spacing of the nodes that statistics are kept at");
+  keys.number("saturated", c.saturated, "of full scale", 0.5, 1.0, "brighter samples are not learnt from");
+  keys.number("outlier_sigma", c.outlier, "robust deviations", 1.0, 10.0,
+              "farther from the median a sample is left out");
+  keys.integer("memory_images", c.memory, "images", 0, 1'000'000,
+               "of new ground, after which what was learnt counts half; 0: nothing is forgotten");
+  keys.choiceOf("model", c.choice, kChoices, "which model corrects; auto: the one that predicts best");
 }
 
 void validate(const LightingConfig& c) {
@@ -40,7 +40,7 @@ void validate(const LightingConfig& c) {
 }
 
 const char* nameOf(LightingChoice choice) {
-  return kChoices[static_cast<std::size_t>(choice)].c_str();
+  return kChoices[static_cast<std::size_t>(choice)];
 }
 
 }  // namespace fathom::lighting

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 
 namespace fathom::lighting {
 
@@ -21,8 +21,8 @@ struct LightingConfig {
 // On board, where light and water change over hours: about 300 m of new ground.
 inline constexpr int kOnboardMemory = 1000;
 
-// Reads the keys of a [lighting] table over `defaults`; README.md lists them. Throws InputError.
-[[nodiscard]] LightingConfig readLightingConfig(const ConfigTable& table, LightingConfig defaults = {});
+// The keys of a [lighting] table.
+void visitLighting(KeyVisitor& keys, LightingConfig& config);
 
 // Throws std::invalid_argument for values out of range.
 void validate(const LightingConfig& config);

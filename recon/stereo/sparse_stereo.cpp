@@ -252,27 +252,28 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   return m.result;
 }
 
-SparseStereoConfig readSparseStereoConfig(const ConfigTable& table, const SparseStereoConfig& defaults) {
-  SparseStereoConfig c = defaults;
-  const auto whole = [&](const char* key, int fallback, int min, int max) {
-    return static_cast<int>(table.integer(key, fallback, min, max));
-  };
-  c.max_features = whole("max_features", c.max_features, 20, 5000);
-  c.window = whole("window_px", c.window, PatchTracker::kMinWindow, PatchTracker::kMaxWindow);
-  if (c.window % 2 == 0) table.fail("window_px", "must be odd");
-  c.max_epipolar_distance = table.number("max_epipolar_px", c.max_epipolar_distance, 0.1, 10);
-  c.max_left_right_distance = table.number("max_left_right_px", c.max_left_right_distance, 0.05, 10);
-  c.max_core_distance = table.number("max_core_px", c.max_core_distance, 0.05, 10);
-  c.min_correlation = table.number("min_correlation", c.min_correlation, 0, 0.99);
-  c.sigma_scale = table.number("sigma_scale", c.sigma_scale, 0.1, 10);
-  c.search_radius = table.number("search_radius_px", c.search_radius, 1, 256);
-  c.min_range = table.number("min_range_m", c.min_range, 0.05, 50);
-  c.max_range = table.number("max_range_m", c.max_range, 0.1, 100);
-  if (c.max_range <= c.min_range) table.fail("max_range_m", "must be greater than min_range_m");
-  c.max_edge = table.number("max_edge_m", c.max_edge, 0.01, 10);
-  c.min_patch_points = whole("min_patch_points", c.min_patch_points, 1, 1000);
-  c.max_fish_length = table.number("max_fish_length_m", c.max_fish_length, 0, 10);
-  return c;
+void visitSparseStereo(KeyVisitor& keys, SparseStereoConfig& c) {
+  keys.integer("max_features", c.max_features, "corners", 20, 5000, "wanted in an image");
+  keys.integer("window_px", c.window, "px", PatchTracker::kMinWindow, PatchTracker::kMaxWindow,
+               "edge of the matching window, odd");
+  keys.require(c.window % 2 == 1, "window_px", "must be odd");
+  keys.number("max_epipolar_px", c.max_epipolar_distance, "px", 0.1, 10,
+              "further off the epipolar line a match is dropped");
+  keys.number("max_left_right_px", c.max_left_right_distance, "px", 0.05, 10, "left-right check");
+  keys.number("max_core_px", c.max_core_distance, "px", 0.05, 10,
+              "between the whole window's match and its middle's");
+  keys.number("min_correlation", c.min_correlation, "", 0, 0.99, "of the two windows, zero-mean normalised");
+  keys.number("sigma_scale", c.sigma_scale, "", 0.1, 10, "of all standard deviations; 1 is calibrated");
+  keys.number("search_radius_px", c.search_radius, "px", 1, 256,
+              "reach of the search along the epipolar line about the seed");
+  keys.number("min_range_m", c.min_range, "m", 0.05, 50, "least accepted depth");
+  keys.number("max_range_m", c.max_range, "m", 0.1, 100, "largest accepted depth");
+  keys.require(c.max_range > c.min_range, "max_range_m", "must be greater than min_range_m");
+  keys.number("max_edge_m", c.max_edge, "m", 0.01, 10, "longest triangle edge");
+  keys.integer("min_patch_points", c.min_patch_points, "points", 1, 1000,
+               "smaller groups that nothing joins to the rest are dropped");
+  keys.number("max_fish_length_m", c.max_fish_length, "m", 0, 10,
+              "longest thing in mid-water that is dropped as a fish; 0: none");
 }
 
 void toMesh(const StereoResult& result, const ImageView& left_rgb, Mesh& mesh) {

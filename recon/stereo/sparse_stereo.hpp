@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -117,9 +117,7 @@ class SparseStereo {
 // The same into a mesh that keeps its memory.
 void toMesh(const StereoResult& result, const ImageView& left_rgb, Mesh& mesh);
 
-// Reads the keys of a [stereo] table (README.md lists them with units and ranges) over `defaults`. Throws
-// InputError; unknown keys are left for the caller's finish().
-[[nodiscard]] SparseStereoConfig readSparseStereoConfig(const ConfigTable& table,
-                                                        const SparseStereoConfig& defaults);
+// The keys of a [stereo] table.
+void visitSparseStereo(KeyVisitor& keys, SparseStereoConfig& config);
 
 }  // namespace fathom::stereo

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "firmware_if/mission/mission.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
@@ -67,13 +68,13 @@ void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, co
                        "is set by the bench; leave this table out");
   AtomicFile file(folder.config());
   std::ostream& out = file.stream();
-  const auto text = [](const std::string& t) { return io::tomlString(t); };
+  const auto text = [](const std::string& t) { return tomlString(t); };
   if (!base.empty()) out << base << "\n\n";
   out << "# The devices of the bench.\n[cameras]\nleft = " << text(devices.left)
       << "\nright = " << text(devices.right) << "\nwidth = " << schedule.rig.left.width
       << "\nheight = " << schedule.rig.left.height << "\n";
   out << "\n[dvl]\ndevice = " << text(devices.dvl)
-      << "\nformat = \"pd0\"\nlatency_s = " << io::tomlNumber(devices.dvl_latency_s) << "\n";
+      << "\nformat = \"pd0\"\nlatency_s = " << tomlNumber(devices.dvl_latency_s) << "\n";
   if (!devices.lcm.empty())
     out << "\n[lcm]\nurl = " << text(devices.lcm)
         << "\naccept = \"attitude depth gps water battery progress\"\n";
@@ -81,11 +82,10 @@ void writeHilConfig(const HilFolder& folder, const MissionSchedule& schedule, co
   if (!hasTable(base, "recorder")) {
     const double hours = static_cast<double>(schedule.end_utc_ns - schedule.start_utc_ns) * 1e-9 / 3600;
     // Small reserves, since the bench may fill the disk and its runs are short.
-    out << "\n[recorder]\nplanned_hours = " << io::tomlNumber(hours + 0.05)
+    out << "\n[recorder]\nplanned_hours = " << tomlNumber(hours + 0.05)
         << "\nimage_reserve_mib = 64\nlog_reserve_mib = 8\n";
   }
-  if (!hasTable(base, "link"))
-    out << "\n[link]\nrate_bps = " << io::tomlNumber(options.water.rate_bps) << "\n";
+  if (!hasTable(base, "link")) out << "\n[link]\nrate_bps = " << tomlNumber(options.water.rate_bps) << "\n";
   file.commit();
 }
 

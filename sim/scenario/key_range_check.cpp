@@ -34,22 +34,26 @@ void KeyRangeCheck::number(const char* key, double& value, const char*, double l
                            const char*) {
   requireRange(value >= low && value <= high, key, low, high);
 }
-void KeyRangeCheck::angle(const char* key, double& value, double low_deg, double high_deg, const char*) {
+void KeyRangeCheck::angle(const char* key, double& value, const char*, double low_deg, double high_deg,
+                          const char*) {
   constexpr double kRounded = 1e-9;  // degrees in radians and back
   const double in_degrees = value / degreesToRadians(1);
   requireRange(in_degrees >= low_deg - kRounded && in_degrees <= high_deg + kRounded, key, low_deg, high_deg);
 }
-void KeyRangeCheck::integer(const char* key, std::int64_t& value, std::int64_t low, std::int64_t high,
-                            const char*) {
+void KeyRangeCheck::integer(const char* key, std::int64_t& value, const char*, std::int64_t low,
+                            std::int64_t high, const char*) {
   requireRange(value >= low && value <= high, key, static_cast<double>(low), static_cast<double>(high));
 }
 void KeyRangeCheck::choice(const char* key, std::size_t& value, std::span<const char* const> names,
                            const char*) {
   requireRange(value < names.size(), key, 0, static_cast<double>(names.size()) - 1);
 }
-void KeyRangeCheck::vector3(const char* key, Eigen::Vector3d& value, const char*, double low, double high,
+void KeyRangeCheck::numbers(const char* key, std::span<double> values, const char*, double low, double high,
                             const char*) {
-  requireRange(value.allFinite() && value.minCoeff() >= low && value.maxCoeff() <= high, key, low, high);
+  for (const double value : values) requireRange(value >= low && value <= high, key, low, high);
+}
+void KeyRangeCheck::integers(const char* key, std::vector<int>& values, int low, int high, const char*) {
+  for (const int value : values) requireRange(value >= low && value <= high, key, low, high);
 }
 
 void validate(const OpticsConfig& config) {

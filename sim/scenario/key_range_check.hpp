@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "sim/scenario/keys.hpp"
+#include "realtime/base/config_keys.hpp"
 
 namespace fathom::sim {
 
@@ -23,15 +23,18 @@ class KeyRangeCheck final : public KeyVisitor {
 
   void number(const char* key, double& value, const char* unit, double low, double high,
               const char* meaning) override;
-  void angle(const char* key, double& value, double low_deg, double high_deg, const char* meaning) override;
-  void integer(const char* key, std::int64_t& value, std::int64_t low, std::int64_t high,
+  void angle(const char* key, double& value, const char* unit, double low_deg, double high_deg,
+             const char* meaning) override;
+  void integer(const char* key, std::int64_t& value, const char* unit, std::int64_t low, std::int64_t high,
                const char* meaning) override;
+  void boolean(const char*, bool&, const char*) override {}
   void utc(const char*, std::int64_t&, const char*) override {}
   void text(const char*, std::string&, const char*) override {}
   void choice(const char* key, std::size_t& value, std::span<const char* const> names,
               const char* meaning) override;
-  void vector3(const char* key, Eigen::Vector3d& value, const char* unit, double low, double high,
+  void numbers(const char* key, std::span<double> values, const char* unit, double low, double high,
                const char* meaning) override;
+  void integers(const char* key, std::vector<int>& values, int low, int high, const char* meaning) override;
 
  private:
   void requireRange(bool good, const char* key, double low, double high) const;

@@ -4,13 +4,13 @@
 #include <filesystem>
 #include <string>
 
+#include "realtime/base/config_keys.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/geometry/flat_port.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 #include "sim/features/feature_config.hpp"
-#include "sim/scenario/keys.hpp"
 #include "sim/sea/optics.hpp"
 #include "sim/sea/terrain_config.hpp"
 #include "sim/sensors/sensors.hpp"

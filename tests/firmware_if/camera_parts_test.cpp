@@ -300,7 +300,9 @@ MissionConfig mission() {
 StereoCameraConfig configOf(const std::string& text) {
   const ConfigTable root = ConfigTable::parse(text, "onboard.toml");
   const ConfigTable cameras = root.table("cameras");
-  StereoCameraConfig config = readCameraConfig(cameras, mission());
+  const StereoCameraConfig config =
+      readKeys(cameras, StereoCameraConfig{},
+               [](KeyVisitor& keys, StereoCameraConfig& c) { visitCameras(keys, c, mission()); });
   root.finish();
   return config;
 }

@@ -229,7 +229,7 @@ status_period_s = 10
 frames_per_s = 50
 )",
                                                "onboard.toml");
-  const CanConfig can = readCanConfig(table.table("can"), {});
+  const CanConfig can = readKeys(table.table("can"), CanConfig{}, visitCan);
   table.finish();
   EXPECT_EQ(can.interface, "can1");
   EXPECT_EQ(can.samples.heading_source, 35);
@@ -264,7 +264,7 @@ frames_per_s = 50
 
 TEST(CanConfig, AnAbsentTableTakesTheDefaults) {
   const ConfigTable table = ConfigTable::parse("", "onboard.toml");
-  const CanConfig can = readCanConfig(table.table("can"), {});
+  const CanConfig can = readKeys(table.table("can"), CanConfig{}, visitCan);
   table.finish();
   EXPECT_EQ(can.interface, "");
   EXPECT_FALSE(can.send);
@@ -277,7 +277,7 @@ TEST(CanConfig, ValuesThatMakeNoSenseAreRefused) {
                           "interface = 3", "send.address = 252", "send.position_period_s = 0.05",
                           "send.status_pgn = 129025", "send.manufacturer_code = 2047"}) {
     const ConfigTable table = ConfigTable::parse(bad, "onboard.toml");
-    EXPECT_THROW(static_cast<void>(readCanConfig(table, {})), InputError) << bad;
+    EXPECT_THROW(static_cast<void>(readKeys(table, CanConfig{}, visitCan)), InputError) << bad;
   }
 }
 

@@ -257,7 +257,7 @@ TEST(DvlSource, ARealDiveComesThroughAFileAsThroughTheDecoder) {
 TEST(DvlConfig, KeysAreReadAndNonsenseIsRefused) {
   const auto read = [](const std::string& text) {
     const ConfigTable table = ConfigTable::parse(text, "onboard.toml");
-    const DvlConfig config = readDvlConfig(table.table("dvl"), {});
+    const DvlConfig config = readKeys(table.table("dvl"), DvlConfig{}, visitDvl);
     table.finish();
     return config;
   };

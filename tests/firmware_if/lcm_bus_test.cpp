@@ -252,7 +252,7 @@ TEST(LcmUdp, AProviderThatCannotBeIsRefusedWithTheFix) {
 TEST(LcmConfig, TheListOfAcceptedSamplesIsReadWordByWord) {
   const auto read = [](const std::string& text) {
     const ConfigTable table = ConfigTable::parse(text, "onboard.toml");
-    const LcmConfig config = readLcmConfig(table.table("lcm"), {});
+    const LcmConfig config = readKeys(table.table("lcm"), LcmConfig{}, visitLcm);
     table.finish();
     return config;
   };
@@ -268,7 +268,7 @@ TEST(LcmConfig, TheListOfAcceptedSamplesIsReadWordByWord) {
 TEST(LcmConfig, PosesMayBeLeftOutByARateOfZero) {
   const auto rate = [](const std::string& hz) {
     const ConfigTable table = ConfigTable::parse("[lcm]\npublish_hz = " + hz, "onboard.toml");
-    return readLcmConfig(table.table("lcm"), {}).publish_hz;
+    return readKeys(table.table("lcm"), LcmConfig{}, visitLcm).publish_hz;
   };
   EXPECT_EQ(rate("0"), 0);
   EXPECT_EQ(rate("100"), 100);

@@ -367,14 +367,17 @@ TEST(Predive, TheTableNamesTheFixAndColoursOnlyATerminal) {
 
 TEST(PrediveConfig, KeysAreBounded) {
   const ConfigTable table = ConfigTable::parse("[predive]\ndvl_hz = 7\nedge_px = 4", "onboard.toml");
-  const PrediveConfig config = readPrediveConfig(table.table("predive"));
+  const PrediveConfig config = readKeys(table.table("predive"), PrediveConfig{}, visitPredive);
   EXPECT_EQ(config.dvl_hz, 7);
   EXPECT_EQ(config.edge_px, 4);
   const ConfigTable bad = ConfigTable::parse("[predive]\nedge_px = 1", "onboard.toml");
-  EXPECT_THAT(test::refusal([&] { (void)readPrediveConfig(bad.table("predive")); }), HasSubstr("edge_px"));
+  EXPECT_THAT(test::refusal([&] { (void)readKeys(bad.table("predive"), PrediveConfig{}, visitPredive); }),
+              HasSubstr("edge_px"));
   for (const char* line : {"deck_tilt_deg = 91", "origin_km = 0", "least_charge = 1.1"}) {
     const ConfigTable beyond = ConfigTable::parse("[predive]\n" + std::string(line), "onboard.toml");
-    EXPECT_NE(test::refusal([&] { (void)readPrediveConfig(beyond.table("predive")); }), "") << line;
+    EXPECT_NE(test::refusal([&] { (void)readKeys(beyond.table("predive"), PrediveConfig{}, visitPredive); }),
+              "")
+        << line;
   }
 }
 

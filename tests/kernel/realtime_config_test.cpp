@@ -11,7 +11,7 @@ namespace {
 
 RealtimeConfig read(const std::string& text) {
   const ConfigTable file = ConfigTable::parse("[realtime]\n" + text, "onboard.toml");
-  RealtimeConfig config = readRealtimeConfig(file.table("realtime"));
+  RealtimeConfig config = readKeys(file.table("realtime"), RealtimeConfig{}, visitRealtime);
   file.finish();
   return config;
 }
@@ -63,10 +63,11 @@ TEST(RealtimeConfig, RefusesWhatCannotBe) {
 
 TEST(MemoryConfig, ReadsMebibytesAndRefusesAHeapAsLargeAsTheBudget) {
   const ConfigTable good = ConfigTable::parse("budget_mib = 512\nheap_mib = 64\n", "f.toml");
-  const MemoryConfig config = readMemoryConfig(good);
+  const MemoryConfig config = readKeys(good, MemoryConfig{}, visitMemory);
   EXPECT_EQ(config.budget_bytes, std::size_t{512} << 20);
   EXPECT_EQ(config.heap_bytes, std::size_t{64} << 20);
-  EXPECT_THROW((void)readMemoryConfig(ConfigTable::parse("budget_mib = 64\nheap_mib = 64\n", "f.toml")),
+  EXPECT_THROW((void)readKeys(ConfigTable::parse("budget_mib = 64\nheap_mib = 64\n", "f.toml"),
+                              MemoryConfig{}, visitMemory),
                InputError);
 }
 

@@ -11,7 +11,7 @@ namespace {
 
 LightingConfig read(const std::string& text) {
   const ConfigTable root = ConfigTable::parse(text, "config.toml");
-  LightingConfig config = readLightingConfig(root.table("lighting"));
+  LightingConfig config = readKeys(root.table("lighting"), LightingConfig{}, visitLighting);
   root.finish();
   return config;
 }

@@ -12,7 +12,7 @@ namespace {
 
 SensorNoise read(const char* toml) {
   const ConfigTable root = ConfigTable::parse(toml, "test.toml");
-  const SensorNoise noise = readSensorNoise(root.table("sensors"), {});
+  const SensorNoise noise = readKeys(root.table("sensors"), SensorNoise{}, visitSensorNoise);
   root.finish();
   return noise;
 }

@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "realtime/base/input_error.hpp"
+#include "tests/support/key_tables.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::onboard {
@@ -43,6 +44,36 @@ TEST_F(OnboardConfigFile, DeadReckoningTakesTheTideThatTheMissionPredicts) {
   EXPECT_NEAR(tide->heightAt(mission.start_utc_ns + 300'000'000'000), 1.5, 1e-9);
   mission.tide_model = "harmonic";
   EXPECT_THROW((void)navCoreConfig({}, mission), InputError);
+}
+
+TEST_F(OnboardConfigFile, WhatIsPrintedReadsAsTheSame) {
+  const io::MissionConfig mission;
+  const std::string printed = onboardToml(
+      read("[link]\nmax_error_m = 0.1\n[can]\nheading_address = 7\ndepth_source = \"offset\"\n[realtime]\n"
+           "hard_cpus = [1, 3]\nend_within_s = 60\n[lcm]\naccept = \"dvl gyro\"\n[dvl]\ndevice = "
+           "\"udp:0.0.0.0:6000\"\n"
+           "[sensors]\nheading_deg = 1\n[memory]\nvehicle_heap_mib = 32\n"),
+      mission);
+  for (const char* line :
+       {"\n[link]  # what is sent to the ship\n", "\nmax_error_m = 0.1  # [m] 0.005 to 1.0, default 0.05: ",
+        "\nupdate_error_m = 0.15  # [m] 0.1 to 10.0, default 0.075: ",
+        "\nheading_address = 7  # -1 to 251, default -1: ",
+        "\ndepth_source = \"offset\"  # pressure or depth or offset, default \"pressure\": ",
+        "\nhard_cpus = [1, 3]  # array of 0 to 1023, default []: ",
+        "\naccept = \"dvl gyro\"  # text, default \"\": ",
+        "\nheading_deg = 1.0  # [deg] 0.001 to 20.0, default 0.343774677078: ",
+        "\nvehicle_heap_mib = 32  # [MiB] "})
+    EXPECT_NE(printed.find(line), std::string::npos) << line;
+  EXPECT_EQ(onboardToml(read(printed), mission), printed);
+  EXPECT_EQ(onboardToml(read(""), mission), onboardToml(readOnboardConfig(std::nullopt), mission));
+}
+
+TEST_F(OnboardConfigFile, ThePagesHaveItsKeys) {
+  OnboardConfig defaults = readOnboardConfig(std::nullopt);
+  ConfigListing listing;
+  visitOnboard(listing, defaults, {});
+  for (const char* folder : {"/firmware_if", "/realtime", "/recon"})
+    test::expectPagesHoldKeys(std::string(FATHOM_SOURCE_DIR) + folder, "onboard", listing);
 }
 
 TEST_F(OnboardConfigFile, RefusesWhatNoVehicleDoes) {

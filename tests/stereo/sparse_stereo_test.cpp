@@ -344,7 +344,7 @@ using ::testing::HasSubstr;
 
 SparseStereoConfig read(const char* toml) {
   const ConfigTable root = ConfigTable::parse(toml, "test.toml");
-  const SparseStereoConfig config = readSparseStereoConfig(root.table("stereo"), {});
+  const SparseStereoConfig config = readKeys(root.table("stereo"), SparseStereoConfig{}, visitSparseStereo);
   root.finish();
   return config;
 }

@@ -9,6 +9,7 @@
 #include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/pose_output.hpp"
 #include "recon/topside/report/slam_json.hpp"
+#include "tests/support/key_tables.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -61,6 +62,22 @@ TEST(TopsideConfig, TheBandFollowsTheVoxelUnlessItIsSet) {
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.3);
   std::ofstream(folder.path() / "run.toml") << "[fusion]\nvoxel_m = 0.1\ntruncation_m = 0.15\n";
   EXPECT_DOUBLE_EQ(readTopsideConfig(folder.path() / "run.toml").fusion.truncation, 0.15);
+}
+
+TEST(TopsideConfig, WhatIsPrintedReadsAsTheSameAndThePagesHaveIt) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "run.toml";
+  std::ofstream(file) << "[fusion]\nvoxel_m = 0.05\ncarve = false\n[stereo]\nmethod = \"dense\"\n";
+  const std::string printed = topsideToml(readTopsideConfig(file));
+  EXPECT_THAT(printed,
+              ::testing::HasSubstr("voxel_m = 0.05  # [m] 0.002 to 2.0, default 0.033: edge of a voxel\n"));
+  std::ofstream(file) << printed;
+  EXPECT_EQ(topsideToml(readTopsideConfig(file)), printed);
+
+  TopsideConfig defaults;
+  ConfigListing listing;
+  visitTopside(listing, defaults);
+  test::expectPagesHoldKeys(FATHOM_SOURCE_DIR "/recon", "topside", listing);
 }
 
 // The mesh in two parts.

@@ -12,64 +12,81 @@ std::string defaultFormat(PixelFormat format, int bits) {
   return colour + (bits == 8 ? "8" : "12Packed");
 }
 
-WireFormat readWireFormat(const ConfigTable& table, const std::string& key, const MissionConfig& mission,
-                          PixelFormat format, bool used) {
-  std::vector<std::string> names;
-  for (const WireFormat& wire : wireFormats()) names.emplace_back(wire.name);
-  const WireFormat wire = *wireFormat(table.choice(key, defaultFormat(format, mission.cameras.bits), names));
+void visitWireFormat(KeyVisitor& keys, const std::string& key, const MissionConfig& mission,
+                     PixelFormat format, CameraConfig& camera) {
+  std::vector<const char*> names;
+  for (const WireFormat& wire : wireFormats()) names.push_back(wire.name.data());
+  std::string name =
+      keys.reads() ? defaultFormat(format, mission.cameras.bits) : std::string(camera.format.name);
+  keys.choiceText(key.c_str(), name, names,
+                  "must give what mission.toml says of the pixels; by default its packed 12 bits, or 8");
+  camera.format = *wireFormat(name);
   // What is recorded is what the mission says, so that it is read again as what it was.
-  if (used && (wire.format != format || wire.bits != mission.cameras.bits))
-    table.fail(key, std::string(wire.name) + " does not give what mission.toml says of this camera (" +
-                        (format == PixelFormat::kBayerRggb ? "bayer-rggb" : "mono") + ", " +
-                        std::to_string(mission.cameras.bits) + " bits); correct one of them");
-  return wire;
+  keys.require(
+      camera.id.empty() || (camera.format.format == format && camera.format.bits == mission.cameras.bits),
+      key.c_str(),
+      name + " does not give what mission.toml says of this camera (" +
+          (format == PixelFormat::kBayerRggb ? "bayer-rggb" : "mono") + ", " +
+          std::to_string(mission.cameras.bits) + " bits); correct one of them");
+}
+
+// The keys that both cameras share.
+void visitBoth(KeyVisitor& keys, CameraConfig& c) {
+  constexpr const char* kTriggers[] = {"free-run", "line", "ptp"};
+  constexpr const char* kActivations[] = {"RisingEdge", "FallingEdge", "AnyEdge", "LevelHigh", "LevelLow"};
+  keys.integer("width", c.width, "px", 1, 16384, "of an image");
+  keys.integer("height", c.height, "px", 1, 16384, "of an image");
+  keys.number("exposure_us", c.exposure_us, "us", 0, 10'000'000, "0: as the camera has it");
+  keys.number("gain_db", c.gain_db, "dB", -1, 60, "below 0: as the camera has it");
+  keys.integer("packet_size", c.packet_size, "B", 0, 16384,
+               "576 at least; 0: the largest that the network carries, found by test packets");
+  keys.require(c.packet_size == 0 || c.packet_size >= 576, "packet_size",
+               "below 576 bytes no camera sends; give 0 for the largest that fits");
+  keys.integer("packet_delay_ns", c.packet_delay_ns, "ns", 0, kSecond_ns,
+               "between packets; two cameras that share a switch need it");
+  keys.choiceOf("trigger", c.trigger, kTriggers,
+                "line: an edge exposes; ptp: free-run with clocks set by IEEE 1588");
+  keys.text("trigger_line", c.trigger_line, "the camera's word");
+  keys.choiceText("trigger_activation", c.trigger_activation, kActivations, "the camera's word");
+  keys.number("rate_hz", c.rate_hz, "Hz", 0.1, 100,
+              "also what silence is measured in; by default that of mission.toml");
+  keys.integer("buffers", c.buffers, "frames", 2, 64, "that Aravis fills");
+  keys.integer("pool_frames", c.pool_frames, "frames", 2, 1024, "whole ones, held by map and recorder");
+  keys.text("interface", c.interface, "network interface to look on; empty: all");
+  keys.boolean(
+      "packet_socket", c.packet_socket,
+      "receive below the UDP stack (CAP_NET_RAW), a little cheaper; only with one camera on the machine");
+  keys.integer("receive_priority", c.receive_priority, 0, 98,
+               "SCHED_FIFO priority of the receiving thread; 0: ordinary");
+  keys.number("stamp_to_packet_ms", c.stamp_to_packet_ms, "ms", 0, 1000,
+              "known time from stamp to first packet, for cameras without a latch");
 }
 
 }  // namespace
 
-StereoCameraConfig readCameraConfig(const ConfigTable& table, const MissionConfig& mission,
-                                    StereoCameraConfig defaults) {
-  StereoCameraConfig config = std::move(defaults);
+void visitCameras(KeyVisitor& keys, StereoCameraConfig& config, const MissionConfig& mission) {
   const std::array<PixelFormat, 2> formats{mission.cameras.left_format, mission.cameras.right_format};
+  auto& [left, right] = config.side;
   for (const std::size_t i : {std::size_t{0}, std::size_t{1}}) {
     CameraConfig& camera = config.side[i];
     const std::string side = kCameraSides[i];
     camera.side = static_cast<CameraSide>(i);
-    camera.id = table.text(side, camera.id);
-    camera.format = readWireFormat(table, side + "_format", mission, formats[i], !camera.id.empty());
-    camera.width = static_cast<int>(table.integer("width", camera.width, 1, 16384));
-    camera.height = static_cast<int>(table.integer("height", camera.height, 1, 16384));
-    camera.exposure_us = table.number("exposure_us", camera.exposure_us, 0, 10'000'000);
-    camera.gain_db = table.number("gain_db", camera.gain_db, -1, 60);
-    camera.packet_size = static_cast<int>(table.integer("packet_size", camera.packet_size, 0, 16384));
-    if (camera.packet_size != 0 && camera.packet_size < 576)
-      table.fail("packet_size", "below 576 bytes no camera sends; give 0 for the largest that fits");
-    camera.packet_delay_ns = table.integer("packet_delay_ns", camera.packet_delay_ns, 0, kSecond_ns);
-    const std::string trigger = table.choice("trigger", "free-run", {"free-run", "line", "ptp"});
-    camera.trigger = trigger == "line"  ? CameraTrigger::kLine
-                     : trigger == "ptp" ? CameraTrigger::kPtp
-                                        : CameraTrigger::kFreeRun;
-    camera.trigger_line = table.text("trigger_line", camera.trigger_line);
-    camera.trigger_activation =
-        table.choice("trigger_activation", camera.trigger_activation,
-                     {"RisingEdge", "FallingEdge", "AnyEdge", "LevelHigh", "LevelLow"});
-    camera.rate_hz = table.number("rate_hz", mission.cameras.rate_hz, 0.1, 100);
-    camera.buffers =
-        static_cast<std::size_t>(table.integer("buffers", static_cast<std::int64_t>(camera.buffers), 2, 64));
-    camera.pool_frames = static_cast<std::size_t>(
-        table.integer("pool_frames", static_cast<std::int64_t>(camera.pool_frames), 2, 1024));
-    camera.interface = table.text("interface", camera.interface);
-    camera.packet_socket = table.boolean("packet_socket", camera.packet_socket);
-    camera.receive_priority =
-        static_cast<int>(table.integer("receive_priority", camera.receive_priority, 0, 98));
-    camera.stamp_to_packet_ms = table.number("stamp_to_packet_ms", camera.stamp_to_packet_ms, 0, 1000);
+    keys.text(side.c_str(), camera.id, "serial number, Vendor-serial or IP address; empty: none");
+    visitWireFormat(keys, side + "_format", mission, formats[i], camera);
   }
-  if (!config.side[0].id.empty() && config.side[0].id == config.side[1].id)
-    table.fail("right", "is the same camera as left; give each its own serial number");
-  if (config.side[0].id.empty() != config.side[1].id.empty())
-    table.fail(config.side[0].id.empty() ? "left" : "right",
+  CameraConfig both = left;
+  if (keys.reads()) both.rate_hz = mission.cameras.rate_hz;
+  visitBoth(keys, both);
+  for (CameraConfig* camera : {&left, &right}) {
+    both.side = camera->side;
+    both.id = camera->id;
+    both.format = camera->format;
+    *camera = both;
+  }
+  keys.require(left.id.empty() || left.id != right.id, "right",
+               "is the same camera as left; give each its own serial number");
+  keys.require(left.id.empty() == right.id.empty(), left.id.empty() ? "left" : "right",
                "has no camera where the other side has one; give both serial numbers, or neither");
-  return config;
 }
 
 std::string serialMismatch(const MissionConfig& mission, const std::string& left, const std::string& right) {

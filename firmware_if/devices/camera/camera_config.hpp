@@ -7,7 +7,7 @@
 
 #include "firmware_if/devices/camera/pixel_unpack.hpp"
 #include "firmware_if/mission/mission.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 
 namespace fathom::io {
@@ -47,11 +47,9 @@ struct StereoCameraConfig {
   [[nodiscard]] bool used() const { return !side[0].id.empty() || !side[1].id.empty(); }
 };
 
-// Reads the table [cameras] (README.md lists its keys). Formats default to what the mission says of the
-// pixels: the 12-bit packed form of it, or 8 bits. Throws InputError, by the table, for a value that cannot
-// be.
-[[nodiscard]] StereoCameraConfig readCameraConfig(const ConfigTable& table, const MissionConfig& mission,
-                                                  StereoCameraConfig defaults = {});
+// The keys of [cameras]. A reader's formats and rate default to what the mission says: the 12-bit packed form
+// of its pixels, or 8 bits.
+void visitCameras(KeyVisitor& keys, StereoCameraConfig& config, const MissionConfig& mission);
 
 // Compares the cameras' own serial numbers `left` and `right` with those of the mission's calibration: one
 // line that says what differs, a swapped pair by that name; empty when they match.

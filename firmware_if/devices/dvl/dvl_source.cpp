@@ -29,21 +29,18 @@ std::unique_ptr<ByteStream> openDvl(const std::string& device) {
 
 }  // namespace
 
-DvlConfig readDvlConfig(const ConfigTable& table, DvlConfig defaults) {
-  DvlConfig config = defaults;
-  config.device = readDeviceAddress(table, "device", defaults.device, true);
-  const std::vector<std::string> formats = {"auto", "pd0", "pd4", "pd5", "pd6"};
-  const std::string format =
-      table.choice("format", formats[static_cast<std::size_t>(defaults.format)], formats);
-  config.format = static_cast<Format>(std::find(formats.begin(), formats.end(), format) - formats.begin());
-  const bool arrival = defaults.clock == DvlConfig::Clock::kArrival;
-  config.clock =
-      table.choice("clock", arrival ? "arrival" : "instrument", {"instrument", "arrival"}) == "arrival"
-          ? DvlConfig::Clock::kArrival
-          : DvlConfig::Clock::kInstrument;
-  config.latency_s = table.number("latency_s", defaults.latency_s, 0, 10);
-  config.silence_s = table.number("silence_s", defaults.silence_s, 0.1, 3600);
-  return config;
+void visitDvl(KeyVisitor& keys, DvlConfig& c) {
+  constexpr const char* kFormats[] = {"auto", "pd0", "pd4", "pd5", "pd6"};
+  constexpr const char* kClocks[] = {"instrument", "arrival"};
+  visitDeviceAddress(keys, "device", c.device, true,
+                     "serial:DEVICE:BAUD, udp:HOST:PORT to listen on, or file:PATH; empty: no DVL");
+  keys.choiceOf("format", c.format, kFormats, "of the ensembles");
+  keys.choiceOf(
+      "clock", c.clock, kClocks,
+      "the ensemble's stamp, followed against the vehicle's clock, or the arrival of its first byte");
+  keys.number("latency_s", c.latency_s, "s", 0, 10,
+              "least time from the ping to the first byte here; taken off in both cases");
+  keys.number("silence_s", c.silence_s, "s", 0.1, 3600, "without an ensemble: a silence, counted");
 }
 
 DvlSource::DvlSource(const DvlConfig& config, VehicleTime now)

@@ -13,7 +13,7 @@
 #include "firmware_if/devices/dvl/pd6_decoder.hpp"
 #include "firmware_if/devices/sample_source.hpp"
 #include "firmware_if/devices/vehicle_time.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 
 namespace fathom::io {
 
@@ -30,8 +30,8 @@ struct DvlConfig {
   double latency_s = 0.1;  // least time from the first ping to the ensemble's first byte here
   double silence_s = 2;    // without an ensemble for so long: a silence, counted
 };
-// Throws InputError for an unknown word, a value out of range, an address that is none.
-[[nodiscard]] DvlConfig readDvlConfig(const ConfigTable& table, DvlConfig defaults);
+// Its keys.
+void visitDvl(KeyVisitor& keys, DvlConfig& config);
 
 // A Teledyne RDI DVL as it runs: bytes in, DvlSample and raw ensembles ("RAW_DVL") out. Its format is as
 // configured, or recognised by the first whole ensemble (and again after a silence). Ensembles without bottom

@@ -70,24 +70,27 @@ struct Plausible {
 
 }  // namespace
 
-LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults) {
-  LcmConfig config = defaults;
-  config.url = table.text("url", defaults.url);
-  if (table.has("accept")) {
-    config.accept.fill(false);
-    std::istringstream words(table.text("accept", ""));
-    for (std::string word; words >> word;) {
-      const auto found = std::find(kSampleWords.begin(), kSampleWords.end(), word);
-      if (found == kSampleWords.end())
-        table.fail("accept",
-                   "'" + word + "' is none of dvl attitude depth usbl gps water battery progress gyro");
-      config.accept[static_cast<std::size_t>(found - kSampleWords.begin())] = true;
-    }
+void visitLcm(KeyVisitor& keys, LcmConfig& c) {
+  keys.text("url", c.url, "LCM provider; empty: no LCM");
+  std::string accept;
+  for (std::size_t i = 0; i < kSampleWords.size(); ++i)
+    if (c.accept[i]) accept += (accept.empty() ? "" : " ") + std::string(kSampleWords[i]);
+  keys.text("accept", accept,
+            "words from dvl attitude depth usbl gps water battery progress gyro: taken from the bus");
+  c.accept.fill(false);
+  std::istringstream words(accept);
+  for (std::string word; words >> word;) {
+    const auto found = std::find(kSampleWords.begin(), kSampleWords.end(), word);
+    keys.require(found != kSampleWords.end(), "accept",
+                 "'" + word + "' is none of dvl attitude depth usbl gps water battery progress gyro");
+    c.accept[static_cast<std::size_t>(found - kSampleWords.begin())] = true;
   }
-  config.max_age_s = table.number("max_age_s", defaults.max_age_s, 0.1, 3600);
-  config.queue = static_cast<int>(table.integer("queue", defaults.queue, 1, 100'000));
-  config.publish_hz = table.number("publish_hz", defaults.publish_hz, 0, 100);
-  return config;
+  keys.number("max_age_s", c.max_age_s, "s", 0.1, 3600,
+              "a stamp further from its arrival is refused (a USBL fix: 300 s back)");
+  keys.integer("queue", c.queue, "messages", 1, 100'000, "that wait, and are handled a poll");
+  keys.number(
+      "publish_hz", c.publish_hz, "Hz", 0, 100,
+      "of the pose; 0: no poses are sent, on the bus or to the log. Health, map and link once a second");
 }
 
 LcmSource::LcmSource(const LcmConfig& config, std::shared_ptr<LcmBus> bus, const std::string& vehicle_name,

@@ -9,7 +9,7 @@
 #include "firmware_if/devices/lcm/lcm_bus.hpp"
 #include "firmware_if/devices/sample_source.hpp"
 #include "firmware_if/devices/vehicle_time.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 
 namespace fathom::io {
 
@@ -23,9 +23,8 @@ struct LcmConfig {
   int queue = 200;  // messages that may wait on the bus
   double publish_hz = 1;  // of pose, 0: none are sent; health, map and link at most once a second
 };
-// `accept` is a text of words from: dvl attitude depth usbl gps water battery progress gyro. Throws
-// InputError.
-[[nodiscard]] LcmConfig readLcmConfig(const ConfigTable& table, LcmConfig defaults);
+// Its keys.
+void visitLcm(KeyVisitor& keys, LcmConfig& config);
 
 // Samples that other programs of the vehicle publish: the channels of
 // firmware_if/mission/log/log_messages.hpp, and TCM, PAROSCI and USBL_FIX.<vehicle> as ACFR vehicles have

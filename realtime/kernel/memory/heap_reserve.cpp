@@ -8,8 +8,6 @@
 
 #include "realtime/base/units.hpp"
 
-#include "realtime/base/units.hpp"
-
 namespace fathom::rt {
 namespace {
 
@@ -19,17 +17,15 @@ constexpr int kGrowBytes = kMebibyte;
 
 }  // namespace
 
-MemoryConfig readMemoryConfig(const ConfigTable& table, MemoryConfig defaults) {
-  const auto mib = [&](const char* key, std::size_t fallback, std::int64_t min) {
-    return static_cast<std::size_t>(
-               table.integer(key, static_cast<std::int64_t>(fallback / kMebibyte), min, kMaxMib)) *
-           kMebibyte;
-  };
-  MemoryConfig config;
-  config.budget_bytes = mib("budget_mib", defaults.budget_bytes, 16);
-  config.heap_bytes = mib("heap_mib", defaults.heap_bytes, 0);
-  if (config.heap_bytes >= config.budget_bytes) table.fail("heap_mib", "must be less than budget_mib");
-  return config;
+void visitMemory(KeyVisitor& keys, MemoryConfig& c) {
+  constexpr auto kStep = static_cast<std::int64_t>(kMebibyte);
+  keys.scaled("budget_mib", c.budget_bytes, kStep, "MiB", 16, kMaxMib,
+              "of the whole program, all its processes and libraries included");
+  keys.scaled("heap_mib", c.heap_bytes, kStep, "MiB", 0, kMaxMib,
+              "for what libraries and the soft tier allocate; less than the budget");
+  keys.scaled("vehicle_heap_mib", c.vehicle_heap_bytes, kStep, "MiB", 4, 4096,
+              "for what devices and reports allocate in the vehicle process; heap_mib is the mapper's");
+  keys.require(c.heap_bytes < c.budget_bytes, "heap_mib", "must be less than budget_mib");
 }
 
 bool HeapReserve::takeOverAllocator() noexcept {

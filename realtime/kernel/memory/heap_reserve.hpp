@@ -4,18 +4,19 @@
 #include <cstdint>
 #include <string>
 
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 
 namespace fathom::rt {
 
 // `[memory]` of a program's configuration; README.md of the kernel lists the keys.
 struct MemoryConfig {
-  std::size_t budget_bytes = std::size_t{768} << 20;  // of the whole program
-  std::size_t heap_bytes = std::size_t{72} << 20;     // for what libraries and the soft tier allocate
+  std::size_t budget_bytes = std::size_t{768} << 20;       // of the whole program
+  std::size_t heap_bytes = std::size_t{72} << 20;          // for what libraries and the soft tier allocate
+  std::size_t vehicle_heap_bytes = std::size_t{24} << 20;  // of the vehicle process, for devices and reports
 };
 
-// Throws InputError for a value out of range or a heap larger than the budget.
-[[nodiscard]] MemoryConfig readMemoryConfig(const ConfigTable& table, MemoryConfig defaults = {});
+// Its keys; the heap is smaller than the budget.
+void visitMemory(KeyVisitor& keys, MemoryConfig& config);
 
 // The C heap as a pool of fixed size, for libraries that allocate (OpenCV's buffers, LCM, GLib): one heap for
 // all threads, taken whole from the system and touched; nothing is given back or mapped beside it. While the

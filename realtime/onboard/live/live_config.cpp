@@ -1,50 +1,42 @@
 #include "realtime/onboard/live/live_config.hpp"
 
 #include "firmware_if/devices/device_address.hpp"
-#include "firmware_if/predive/predive_checks.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-rt::OverloadConfig readOverload(const ConfigTable& t) {
-  rt::OverloadConfig c;
-  const auto whole = [&](const char* key, int fallback, int min, int max) {
-    return static_cast<int>(t.integer(key, fallback, min, max));
-  };
-  c.raise_at = t.number("raise_at", c.raise_at, 0.1, 10);
-  c.lower_at = t.number("lower_at", c.lower_at, 0.01, c.raise_at);
-  c.raise_after = whole("raise_after", c.raise_after, 1, 100);
-  c.lower_after = whole("lower_after", c.lower_after, 1, 1000);
-  c.waiting_limit = whole("waiting_limit", c.waiting_limit, 1, 100);
-  c.drop_waiting = whole("drop_waiting", c.drop_waiting, c.waiting_limit, 100);
-  return c;
+void visitOverload(KeyVisitor& keys, rt::OverloadConfig& c) {
+  keys.number("raise_at", c.raise_at, "of the pairs' period", 0.1, 10, "a pair that took longer is slow");
+  keys.number("lower_at", c.lower_at, "of the pairs' period", 0.01, c.raise_at,
+              "one that took less, with none waiting, is easy");
+  keys.integer("raise_after", c.raise_after, "pairs", 1, 100, "so many slow ones in a row: one level up");
+  keys.integer("lower_after", c.lower_after, "pairs", 1, 1000, "so many easy ones: one level down");
+  keys.integer("waiting_limit", c.waiting_limit, "pairs", 1, 100, "so many waiting count as slow");
+  keys.integer("drop_waiting", c.drop_waiting, "pairs", c.waiting_limit, 100, "so many: level 4 at once");
 }
 
 }  // namespace
 
-LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& mission) {
-  LiveConfig c;
-  c.cameras = io::readCameraConfig(root.table("cameras"), mission, c.cameras);
-  c.dvl = io::readDvlConfig(root.table("dvl"), c.dvl);
-  c.can = io::readCanConfig(root.table("can"), c.can);
+void visitLive(KeyVisitor& keys, LiveConfig& c, const io::MissionConfig& mission) {
+  keys.table("cameras", "GigE Vision; must be named for a live dive",
+             [&] { io::visitCameras(keys, c.cameras, mission); });
+  keys.table("dvl", "Doppler velocity log", [&] { io::visitDvl(keys, c.dvl); });
+  keys.table("can", "NMEA 2000", [&] { io::visitCan(keys, c.can); });
   c.can.samples.latitude = mission.origin.latitude;
-  c.lcm = io::readLcmConfig(root.table("lcm"), c.lcm);
-  c.modem = io::readDeviceAddress(root.table("modem"), "device", "", false);
-  // What `fathom-sensors predive` reads of the same file; checked here so that it may stand in it.
-  (void)io::readPrediveConfig(root.table("predive"));
-  c.recorder = io::readRecorderConfig(root.table("recorder"), c.recorder);
-  c.realtime = rt::readRealtimeConfig(root.table("realtime"), c.realtime);
-  const ConfigTable memory = root.table("memory");
-  c.memory = rt::readMemoryConfig(memory, c.memory);
-  c.vehicle_heap_bytes = static_cast<std::size_t>(memory.integer("vehicle_heap_mib", 24, 4, 4096)) << 20;
-  c.overload = readOverload(root.table("overload"));
-  const ConfigTable restart = root.table("restart");
-  c.checkpoint_s = restart.number("checkpoint_s", c.checkpoint_s, 1, 600);
-  const std::int64_t mib =
-      restart.integer("buffer_mib", static_cast<std::int64_t>(c.checkpoint_bytes >> 20), 1, 4096);
-  c.checkpoint_bytes = static_cast<std::size_t>(mib) << 20;
-  c.end_within_s = root.table("realtime").number("end_within_s", c.end_within_s, 5, 3600);
-  return c;
+  keys.table("lcm", "messages of other programs, and ours", [&] { io::visitLcm(keys, c.lcm); });
+  keys.table("modem", "of the acoustic link", [&] { io::visitModem(keys, c.modem); });
+  keys.table("predive", "limits of fathom-sensors predive", [&] { io::visitPredive(keys, c.predive); });
+  keys.table("recorder", "", [&] { io::visitRecorder(keys, c.recorder); });
+  keys.table("realtime", "threads of the tiers", [&] { rt::visitRealtime(keys, c.realtime); });
+  keys.table("memory", "", [&] { rt::visitMemory(keys, c.memory); });
+  keys.table("overload", "when work is shed", [&] { visitOverload(keys, c.overload); });
+  keys.table("restart", "saved states", [&] {
+    keys.number("checkpoint_s", c.checkpoint_s, "s", 1, 600, "between two saved states");
+    keys.scaled("buffer_mib", c.checkpoint_bytes, static_cast<std::int64_t>(kMebibyte), "MiB", 1, 4096,
+                "that one may take, and what it is read into; larger ones are not saved, and counted "
+                "(checkpoints.too_large of live.json)");
+  });
 }
 
 }  // namespace fathom::onboard

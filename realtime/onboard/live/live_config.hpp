@@ -8,8 +8,9 @@
 #include "firmware_if/devices/dvl/dvl_source.hpp"
 #include "firmware_if/devices/lcm/lcm_source.hpp"
 #include "firmware_if/mission/mission.hpp"
+#include "firmware_if/predive/predive_checks.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/threads/overload_rule.hpp"
 #include "realtime/kernel/threads/realtime_config.hpp"
@@ -23,18 +24,17 @@ struct LiveConfig {
   io::DvlConfig dvl;
   io::CanConfig can;
   io::LcmConfig lcm;
-  std::string modem;  // serial:DEVICE:BAUD or udp:HOST:PORT; empty: none
+  std::string modem;          // serial:DEVICE:BAUD or udp:HOST:PORT; empty: none
+  io::PrediveConfig predive;  // of fathom-sensors predive, which reads the same file
   io::RecorderConfig recorder;
   rt::RealtimeConfig realtime;
   rt::MemoryConfig memory;
   rt::OverloadConfig overload;
-  std::size_t vehicle_heap_bytes = std::size_t{24} << 20;  // of the vehicle process, for devices and reports
-  double checkpoint_s = 10;                                // between two saved states
-  std::size_t checkpoint_bytes = std::size_t{112} << 20;   // that one may take
-  double end_within_s = 150;                               // that the end of a dive may take in all
+  double checkpoint_s = 10;                               // between two saved states
+  std::size_t checkpoint_bytes = std::size_t{112} << 20;  // that one may take
 };
 
-// From the root table; throws InputError.
-[[nodiscard]] LiveConfig readLiveConfig(const ConfigTable& root, const io::MissionConfig& mission);
+// Their tables.
+void visitLive(KeyVisitor& keys, LiveConfig& config, const io::MissionConfig& mission);
 
 }  // namespace fathom::onboard

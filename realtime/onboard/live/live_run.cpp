@@ -187,7 +187,8 @@ void writeLiveJson(const LiveSystem& live, const std::filesystem::path& folder, 
 // How the run ended, for the operator; the exit status.
 int conclude(LiveSystem& live, const LiveOptions& options, Asked how, double wall_s) {
   const bool ends = how == Asked::kEnd;
-  const LiveSystem::End end = ends ? live.end(live.config().live.end_within_s) : live.leave(kLeaveWithin_s);
+  const LiveSystem::End end =
+      ends ? live.end(live.config().live.realtime.end_within_s) : live.leave(kLeaveWithin_s);
   for (const std::string& line : end.left_out) say(line);
   if (ends) writeLiveJson(live, options.folder, wall_s);
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());

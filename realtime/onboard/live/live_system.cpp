@@ -170,14 +170,14 @@ void LiveSystem::planMemory() {
   budget_.addFixed("recorder",
                    setup_.config.live.recorder.raw_lanes * setup_.config.live.recorder.raw_queue_kib * 1024);
   budget_.addFixed("stacks", threads_.stackBytes());
-  budget_.addFixed("heap of devices and reports", setup_.config.live.vehicle_heap_bytes);
+  budget_.addFixed("heap of devices and reports", setup_.config.live.memory.vehicle_heap_bytes);
   // What is not above and lives as long as the program. Memory that is free again is part of the heap's
   // reserve; what is shared is in the lines above.
   const std::size_t shared =
       channel_.bytes() + devices_.left->pool().memory().bytes() + devices_.right->pool().memory().bytes();
   const std::size_t heap_free = rt::HeapReserve::heapBytes() - rt::HeapReserve::usedBytes();
   const std::size_t planned =
-      budget_.plannedBytes() - shared - setup_.config.live.vehicle_heap_bytes + heap_free;
+      budget_.plannedBytes() - shared - setup_.config.live.memory.vehicle_heap_bytes + heap_free;
   const std::size_t mapped = rt::mappedPrivateBytes();
   if (mapped > planned) budget_.addFixed("devices' own", mapped - planned);
   // Locked memory makes all of it resident; the mapper has the same pages.
@@ -302,7 +302,8 @@ rt::ArmingResult LiveSystem::arm() {
   supervisor_->stepMapper(early_events_);
   for (const std::string& name : threads_.start()) parts_.set(name, PartState::kFailed, "no thread");
   if (!resumed()) addMapperToBudget();
-  arming_ = rt::arm(setup_.config.live.realtime, budget_, heap_, setup_.config.live.vehicle_heap_bytes);
+  arming_ =
+      rt::arm(setup_.config.live.realtime, budget_, heap_, setup_.config.live.memory.vehicle_heap_bytes);
   if (!arming_.armed()) return arming_;
   complete_.store(arming_.complete(), std::memory_order_relaxed);
   measured_.resident_at_arming = rt::exactResidentBytes();

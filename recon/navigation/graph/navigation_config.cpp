@@ -5,8 +5,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "realtime/base/units.hpp"
-
 namespace fathom::slam {
 namespace {
 
@@ -35,38 +33,45 @@ void NavigationConfig::validate() const {
   for (const auto& [name, value] : positive) require(value > 0, name, value, "above 0");
 }
 
-SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& defaults) {
-  SensorNoise n = defaults;
-  const auto degrees = [&](const char* key, double fallback, double min, double max) {
-    return kRadiansPerDegree * table.number(key, fallback / kRadiansPerDegree, min, max);
-  };
-  n.dvl_velocity = table.number("dvl_velocity_mps", n.dvl_velocity, 1e-4, 1);
-  n.dvl_rate = table.number("dvl_rate_hz", n.dvl_rate, 0.1, 100);
-  n.dvl_scale = table.number("dvl_scale", n.dvl_scale, 1e-5, 0.2);
-  n.dvl_heading = degrees("dvl_heading_deg", n.dvl_heading, 0.001, 20);
-  n.dvl_wander = table.number("dvl_wander", n.dvl_wander, 0, 0.5);
-  n.dvl_wander_s = table.number("dvl_wander_s", n.dvl_wander_s, 0, 1000);
-  n.dvl_place = table.number("dvl_place_m", n.dvl_place, 1e-4, 1);
-  n.unknown_velocity = table.number("unknown_velocity_mps", n.unknown_velocity, 0.01, 5);
-  n.heading = degrees("heading_deg", n.heading, 0.001, 20);
-  n.heading_lag = table.number("heading_lag_s", n.heading_lag, 0, 10);
-  n.tilt = degrees("tilt_deg", n.tilt, 0.001, 10);
-  n.deviation = degrees("deviation_deg", n.deviation, 0.001, 45);
-  n.deviation_drift = degrees("deviation_drift_deg", n.deviation_drift, 0, 5);
-  n.deviation_turn = degrees("deviation_turn_deg", n.deviation_turn, 0, 45);
-  n.tilt_bias = degrees("tilt_bias_deg", n.tilt_bias, 0.001, 10);
-  n.tilt_turn = degrees("tilt_turn_deg", n.tilt_turn, 0, 10);
-  n.unknown_turn = degrees("unknown_turn_degps", n.unknown_turn, 0.1, 90);
-  n.gyro_walk = degrees("gyro_walk_deg", n.gyro_walk, 1e-5, 5);
-  n.depth = table.number("depth_m", n.depth, 1e-4, 10);
-  n.depth_offset = table.number("depth_offset_m", n.depth_offset, 0, 20);
-  n.tide_rate = table.number("tide_rate_mps", n.tide_rate, 0, 0.01);
-  n.depth_drift = table.number("depth_drift", n.depth_drift, 0, 1);
-  n.usbl_shift = table.number("usbl_shift_m", n.usbl_shift, 0, 100);
-  n.usbl_turn = degrees("usbl_turn_deg", n.usbl_turn, 0, 20);
-  n.visual_scale = table.number("visual_scale", n.visual_scale, 0, 0.1);
-  n.validate();
-  return n;
+void visitSensorNoise(KeyVisitor& keys, SensorNoise& n) {
+  keys.number("dvl_velocity_mps", n.dvl_velocity, "m/s", 1e-4, 1, "one ensemble");
+  keys.number("dvl_rate_hz", n.dvl_rate, "Hz", 0.1, 100, "of the ensembles");
+  keys.number("dvl_scale", n.dvl_scale, "1", 1e-5, 0.2, "scale, constant over a dive");
+  keys.angle("dvl_heading_deg", n.dvl_heading, 0.001, 20, "mounting, constant over a dive");
+  keys.number("dvl_wander", n.dvl_wander, "1", 0, 0.5, "the velocity's correlated error, as a share of it");
+  keys.number("dvl_wander_s", n.dvl_wander_s, "s", 0, 1000, "its correlation time");
+  keys.number("dvl_place_m", n.dvl_place, "m", 1e-4, 1, "its place against the camera, over turns");
+  keys.number("unknown_velocity_mps", n.unknown_velocity, "m/s", 0.01, 5, "motion while the DVL is silent");
+  keys.number("heading_lag_s", n.heading_lag, "s", 0, 10, "the compass behind a turn");
+  keys.angle("heading_deg", n.heading, 0.001, 20, "one reading of the compass");
+  keys.angle("tilt_deg", n.tilt, 0.001, 10, "one reading of roll and pitch");
+  keys.angle("deviation_deg", n.deviation, 0.001, 45, "the compass's deviation at first");
+  keys.angle("deviation_drift_deg", n.deviation_drift, "deg/s^(1/2)", 0, 5, "its change with time");
+  keys.angle("deviation_turn_deg", n.deviation_turn, "deg/rad^(1/2)", 0, 45, "its change with heading");
+  keys.angle("tilt_bias_deg", n.tilt_bias, 0.001, 10, "bias of roll and pitch against the camera at first");
+  keys.angle("tilt_turn_deg", n.tilt_turn, "deg/rad^(1/2)", 0, 10,
+             "its change with heading: half a turn reverses a bias that is the body's");
+  keys.angle("unknown_turn_degps", n.unknown_turn, "deg/s", 0.1, 90, "turn while the compass is silent");
+  keys.angle("gyro_walk_deg", n.gyro_walk, "deg/s^(1/2)", 1e-5, 5,
+             "a gyro's turn, where there is one; its bias is estimated");
+  keys.number("depth_m", n.depth, "m", 1e-4, 10,
+              "one reading of depth in a calm sea; swell is added as measured");
+  keys.number("depth_offset_m", n.depth_offset, "m", 0, 20,
+              "the depth sensor's error or the sea's height at first; topside half a metre beside it where "
+              "mission.toml has no tide model");
+  keys.number(
+      "tide_rate_mps", n.tide_rate, "m/s", 0, 0.01,
+      "rate of the sea's height at first without a predicted tide (3 m of amplitude: 0.00042 at most); a "
+      "thirtieth of it with one in mission.toml");
+  keys.number("depth_drift", n.depth_drift, "m/s^(1/2)", 0, 1, "random walk of the rest");
+  keys.number(
+      "usbl_shift_m", n.usbl_shift, "m", 0, 100,
+      "what all USBL positions share: the ship's place and the sound's path, by one position's standard "
+      "deviation at least unless 0. A GPS of the ship with corrections and a calibrated mounting: 0.5");
+  keys.angle("usbl_turn_deg", n.usbl_turn, 0, 20, "the transceiver's mounting; a calibrated one: 0.2");
+  keys.number("visual_scale", n.visual_scale, "1", 0, 0.1,
+              "common scale of paths and turns of all visual links, which does not average out");
+  if (keys.reads()) n.validate();
 }
 
 SensorNoise withoutTideModel(SensorNoise noise) {

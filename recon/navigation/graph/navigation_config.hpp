@@ -1,6 +1,6 @@
 #pragma once
 
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "recon/navigation/sensors/dvl_calibration.hpp"
 #include "recon/navigation/sensors/sensor_factors.hpp"
 #include "recon/solver/incremental/incremental_solver.hpp"
@@ -36,10 +36,9 @@ struct NavigationConfig {
   void validate() const;  // throws std::invalid_argument, which names the value that is out of range
 };
 
-// Reads the keys of a [sensors] table, the errors of the navigation sensors (README.md lists them with units
-// and ranges), over `defaults`. The same on board and topside. Throws InputError; keys that it does not know
-// are left for the caller's finish().
-[[nodiscard]] SensorNoise readSensorNoise(const ConfigTable& table, const SensorNoise& defaults);
+// The keys of a [sensors] table, the errors of the navigation sensors: the same on board and topside. A
+// reader throws std::invalid_argument for values that do not fit each other.
+void visitSensorNoise(KeyVisitor& keys, SensorNoise& noise);
 
 // The same where no tide is predicted: the sea's height over nav's zero is unknown by half a metre, as for a
 // tide of 0.7 m. Topside only, where heights have a stated accuracy.

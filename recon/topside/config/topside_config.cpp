@@ -1,6 +1,5 @@
 #include "recon/topside/config/topside_config.hpp"
 
-#include "realtime/base/config_table.hpp"
 #include "recon/navigation/graph/navigation_config.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
@@ -10,30 +9,31 @@ namespace {
 // Noise of sparse stereo from 2 m is about a voxel of the default grid: the band holds three, the blend five.
 constexpr double kBandVoxels = 3.0, kBorderVoxels = 5.0;
 
-void readLighting(const ConfigTable& table, TopsideConfig& config) {
-  config.lighting_images = static_cast<int>(table.integer("images", config.lighting_images, 1, 100000));
-  config.lighting = lighting::readLightingConfig(table, config.lighting);
+void visitStereo(KeyVisitor& keys, TopsideConfig& c) {
+  constexpr const char* kMethods[] = {"sparse", "dense"};
+  stereo::visitSparseStereo(keys, c.stereo);
+  keys.choiceOf("method", c.dense_stereo, kMethods, "corners, or semi-global matching (--dense)");
+  keys.number("dense_scale", c.dense.scale, "of the image's side", 0.1, 1, "that is matched");
+  keys.integer("dense_block_px", c.dense.block, "px", 1, 21,
+               "edge of the matched window, of the scaled image, odd");
+  keys.require(c.dense.block % 2 == 1, "dense_block_px", "must be odd");
+  keys.boolean("mend_rig", c.mend_rig,
+               "the rig is taken as matches and paths of the dive show it; false: as calibrated");
+  keys.integer("min_points", c.min_points, "points", 3, 5000, "a pair with fewer is left out");
 }
 
-void readStereo(const ConfigTable& table, TopsideConfig& config) {
-  config.stereo = stereo::readSparseStereoConfig(table, config.stereo);
-  config.dense_stereo =
-      table.choice("method", config.dense_stereo ? "dense" : "sparse", {"sparse", "dense"}) == "dense";
-  config.dense.scale = table.number("dense_scale", config.dense.scale, 0.1, 1);
-  config.dense.block = static_cast<int>(table.integer("dense_block_px", config.dense.block, 1, 21));
-  if (config.dense.block % 2 == 0) table.fail("dense_block_px", "must be odd");
-  config.mend_rig = table.boolean("mend_rig", config.mend_rig);
-  config.min_points = static_cast<int>(table.integer("min_points", config.min_points, 3, 5000));
-}
-
-void readFusion(const ConfigTable& table, TopsideConfig& config) {
-  setVoxel(config, table.number("voxel_m", config.fusion.voxel, 0.002, 2));
+void visitFusion(KeyVisitor& keys, TopsideConfig& config) {
   fusion::VolumetricConfig& f = config.fusion;
-  f.truncation = table.number("truncation_m", f.truncation, f.voxel, 32 * f.voxel);
-  f.border = table.number("border_m", f.border, 0.001, 10);
-  f.min_observations = static_cast<int>(table.integer("min_observations", f.min_observations, 1, 1000));
-  f.carve = table.boolean("carve", f.carve);
-  config.min_component = table.number("min_component_m2", config.min_component, 0, 1000);
+  double voxel = f.voxel;
+  keys.number("voxel_m", voxel, "m", 0.002, 2, "edge of a voxel");
+  if (keys.reads()) setVoxel(config, voxel);
+  keys.number("truncation_m", f.truncation, "m", f.voxel, 32 * f.voxel,
+              "band on either side of the surface, 1 to 32 voxels; by default 3 voxels");
+  keys.number("border_m", f.border, "m", 0.001, 10,
+              "over which weights fall to a mesh's border; by default 5 voxels");
+  keys.integer("min_observations", f.min_observations, "meshes", 1, 1000, "that must have seen a voxel");
+  keys.boolean("carve", f.carve, "what was seen through is empty");
+  keys.number("min_component_m2", config.min_component, "m2", 0, 1000, "smaller loose pieces are dropped");
 }
 
 }  // namespace
@@ -44,29 +44,48 @@ void setVoxel(TopsideConfig& config, double voxel) {
   config.fusion.border = kBorderVoxels * voxel;
 }
 
+void visitTopside(KeyVisitor& keys, TopsideConfig& c) {
+  keys.table("lighting", "", [&] {
+    keys.integer("images", c.lighting_images, "pairs", 1, 100000,
+                 "that the model learns from, spread over the mission");
+    lighting::visitLighting(keys, c.lighting);
+  });
+  keys.table("stereo", "", [&] { visitStereo(keys, c); });
+  keys.table("fusion", "", [&] { visitFusion(keys, c); });
+  keys.table("navigation", "dead reckoning", [&] {
+    keys.number("max_dvl_gap_s", c.max_dvl_gap, "s", 0.1, 60,
+                "without bottom track before the velocity decays");
+    keys.number("max_speed_mps", c.max_speed, "m/s", 0.1, 20, "faster bottom track is rejected");
+    keys.number("default_altitude_m", c.default_altitude, "m", 0.5, 20, "seeds stereo until the DVL knows");
+  });
+  keys.table("slam", "odometry, closures and bundle adjustment", [&] {
+    keys.boolean("enabled", c.slam, "false (--no-slam): dead reckoning");
+    keys.integer("features", c.slam_features, 50, 5000, "of a pair, for odometry and closures");
+    keys.boolean("bundle", c.bundle, "false (--no-bundle): poses by the links alone");
+    keys.integer("candidates_per_pair", c.slam_candidates, 1, 100,
+                 "closures tried, at most: at the mean, and of a pair in a round");
+    keys.number("turned_sigmas", c.navigation.turned_sigmas, "standard deviations", 1, 100,
+                "between compass and visual turn in a step that is counted as contradicted");
+  });
+  keys.table("sensors", "standard deviations of the navigation sensors, the same on board",
+             [&] { slam::visitSensorNoise(keys, c.navigation.noise); });
+  keys.table("run", "", [&] {
+    keys.number("pairing_tolerance_s", c.pairing_tolerance, "s", 0.001, 1,
+                "between left and right of a pair");
+    keys.integer("threads", c.threads, 0, 256, "0: all cores (--jobs)");
+  });
+}
+
 TopsideConfig readTopsideConfig(const std::filesystem::path& path) {
   TopsideConfig config;
-  const ConfigTable root = ConfigTable::load(path);
-  readLighting(root.table("lighting"), config);
-  readStereo(root.table("stereo"), config);
-  readFusion(root.table("fusion"), config);
-  const ConfigTable navigation = root.table("navigation");
-  config.max_dvl_gap = navigation.number("max_dvl_gap_s", config.max_dvl_gap, 0.1, 60);
-  config.max_speed = navigation.number("max_speed_mps", config.max_speed, 0.1, 20);
-  config.default_altitude = navigation.number("default_altitude_m", config.default_altitude, 0.5, 20);
-  const ConfigTable slam = root.table("slam");
-  config.slam = slam.boolean("enabled", config.slam);
-  config.slam_features = static_cast<int>(slam.integer("features", config.slam_features, 50, 5000));
-  config.bundle = slam.boolean("bundle", config.bundle);
-  config.slam_candidates =
-      static_cast<int>(slam.integer("candidates_per_pair", config.slam_candidates, 1, 100));
-  config.navigation.turned_sigmas = slam.number("turned_sigmas", config.navigation.turned_sigmas, 1, 100);
-  config.navigation.noise = slam::readSensorNoise(root.table("sensors"), config.navigation.noise);
-  const ConfigTable run = root.table("run");
-  config.pairing_tolerance = run.number("pairing_tolerance_s", config.pairing_tolerance, 0.001, 1);
-  config.threads = static_cast<int>(run.integer("threads", config.threads, 0, 256));
-  root.finish();
+  ConfigReader keys(ConfigTable::load(path));
+  visitTopside(keys, config);
+  keys.finish();
   return config;
+}
+
+std::string topsideToml(const TopsideConfig& config) {
+  return configToml(config, TopsideConfig(), visitTopside);
 }
 
 void addNavigationSettings(Hasher& hasher, const TopsideConfig& config) {

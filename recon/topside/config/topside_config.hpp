@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <string>
 
+#include "realtime/base/config_keys.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/navigation/graph/navigation_graph.hpp"
@@ -13,7 +14,7 @@
 
 namespace fathom::topside {
 
-// Everything that can be set about a run; README.md lists the keys with units, ranges and defaults.
+// Everything that can be set about a run.
 struct TopsideConfig {
   lighting::LightingConfig lighting;
   int lighting_images = 100;  // pairs that the lighting model learns from, spread over the mission
@@ -45,6 +46,10 @@ struct TopsideConfig {
 
 // Reads a TOML file over the defaults. Throws InputError: unknown key, wrong type, out of range.
 [[nodiscard]] TopsideConfig readTopsideConfig(const std::filesystem::path& path);
+// Every key. A reader sets what follows from others.
+void visitTopside(KeyVisitor& keys, TopsideConfig& config);
+// The configuration as such a file: each key with its unit, range, default and meaning.
+[[nodiscard]] std::string topsideToml(const TopsideConfig& config);
 
 // Settings that the results of several stages depend on, into their keys. What is new in one of these
 // structures belongs there too: their sizes are checked.

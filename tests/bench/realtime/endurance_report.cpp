@@ -47,9 +47,8 @@ struct Samples {
 };
 
 // Samples the memory 36 times while the mission is played.
-Samples sampleMemory(onboard::LiveSystem& live, const rt::VehicleClock& clock,
-                     const EnduranceOptions& options, const std::atomic<std::uint64_t>& given,
-                     const Memory& first) {
+Samples sampleMemory(onboard::LiveSystem& live, rt::VehicleClock& clock, const EnduranceOptions& options,
+                     const std::atomic<std::uint64_t>& given, const Memory& first) {
   Table samples{
       "Resident set",
       {{"pairs", 0}, {"KiB", 0}, {"since arming", 0}, {"own", 0}, {"files", 0}, {"heap overflow [B]", 0}},
@@ -120,7 +119,7 @@ int reportEndurance(const EnduranceOptions& options) {
   Samples samples = sampleMemory(live, clock, options, given, first);
   const Memory last = memoryNow();
   const rt::ThreadCost cost = live.hardCost();
-  const onboard::LiveSystem::End end = live.end(config.live.end_within_s * options.rate);
+  const onboard::LiveSystem::End end = live.end(config.live.realtime.end_within_s * options.rate);
   for (const std::string& line : end.left_out) std::printf("%s\n", line.c_str());
   onboard::MapState map;
   (void)live.mapper().up().state.read(map);

@@ -244,7 +244,7 @@ TEST(RecorderConfig, IsReadWithBoundsAndRefusesReservesInTheWrongOrder) {
       "sync_interval_s = 0.25\nplanned_hours = 3\nimage_reserve_mib = 100\nlog_reserve_mib = 10\n"
       "image_queue = 3\nraw_queue_kib = 64\nacfr_channels = false\n",
       "onboard.toml");
-  const RecorderConfig config = readRecorderConfig(table);
+  const RecorderConfig config = readKeys(table, RecorderConfig{}, visitRecorder);
   table.finish();
   EXPECT_EQ(config.sync_interval_s, 0.25);
   EXPECT_EQ(config.planned_hours, 3);
@@ -253,7 +253,9 @@ TEST(RecorderConfig, IsReadWithBoundsAndRefusesReservesInTheWrongOrder) {
   EXPECT_FALSE(config.acfr_channels);
   for (const char* bad :
        {"sync_interval_s = 1.5", "image_queue = 0", "image_reserve_mib = 10\nlog_reserve_mib = 20"})
-    EXPECT_THAT(refusal([&] { (void)readRecorderConfig(ConfigTable::parse(bad, "onboard.toml")); }),
+    EXPECT_THAT(refusal([&] {
+                  (void)readKeys(ConfigTable::parse(bad, "onboard.toml"), RecorderConfig{}, visitRecorder);
+                }),
                 HasSubstr("onboard.toml"))
         << bad;
 }

@@ -161,7 +161,7 @@ int dive(const DiveOrders& orders) {
     say("F %zu\n", played.first);
   say("A %" PRId64 "\n", clock.monotonicNs());
   watchOver(live, clock, orders);
-  const LiveSystem::End end = live.end(config.live.end_within_s);
+  const LiveSystem::End end = live.end(config.live.realtime.end_within_s);
   for (const std::string& line : end.left_out) say("# %s\n", line.c_str());
   return end.mapped ? kExitSuccess : kExitFailedWork;
 }

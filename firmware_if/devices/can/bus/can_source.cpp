@@ -21,82 +21,61 @@ std::vector<std::uint32_t> receivedPgns(bool send) {
 
 constexpr std::int64_t kLastCanAddress = 251;  // 252 to 255 are reserved
 
-// -1 stands for absent.
-std::optional<std::uint8_t> smallInteger(const ConfigTable& table, const char* key,
-                                         std::optional<std::uint8_t> fallback, std::int64_t max) {
-  const std::int64_t value = table.integer(key, fallback ? *fallback : -1, -1, max);
-  return value < 0 ? std::nullopt : std::optional(static_cast<std::uint8_t>(value));
-}
-
-// 0 stands for absent.
-std::optional<double> numberAboveZero(const ConfigTable& table, const char* key,
-                                      std::optional<double> fallback, double max) {
-  const double value = table.number(key, fallback.value_or(0), 0, max);
-  return value > 0 ? std::optional(value) : std::nullopt;
-}
-
-void readSources(const ConfigTable& table, N2kSamples::Config& samples) {
-  const auto address = [&](const char* key, std::optional<std::uint8_t>& value) {
-    value = smallInteger(table, key, value, kLastCanAddress);
-  };
-  address("heading_address", samples.heading_source);
-  address("attitude_address", samples.attitude_source);
-  address("gyro_address", samples.gyro_source);
-  address("depth_address", samples.depth_source);
-  address("battery_address", samples.battery_source);
-  address("gps_address", samples.gps_source);
-  address("water_address", samples.water_source);
-  samples.switch_after_s = table.number("switch_after_s", samples.switch_after_s, 0.1, 1e6);
-}
-
-void readSender(const ConfigTable& table, CanConfig& can) {
+void visitSender(KeyVisitor& keys, CanConfig& can) {
   CanSender::Config& sender = can.sender;
-  can.send = table.boolean("enabled", can.send);
-  const auto integer = [&](const char* key, auto& value, std::int64_t min, std::int64_t max) {
-    value = static_cast<std::remove_reference_t<decltype(value)>>(table.integer(key, value, min, max));
+  keys.boolean("enabled", can.send, "whether anything is sent");
+  keys.integer("address", sender.address, 0, kLastCanAddress, "preferred");
+  keys.integer("unique_number", sender.name.unique_number, 0, 0x1FFFFF, "of the NAME");
+  keys.integer("manufacturer_code", sender.name.manufacturer_code, 0, 2046, "of the NAME");
+  keys.integer("device_instance", sender.name.device_instance, 0, 255, "of the NAME");
+  keys.integer("status_pgn", sender.status_pgn, CanSender::kFirstStatusPgn, CanSender::kLastStatusPgn,
+               "of the status");
+  const auto period = [&](const char* key, double& value, const char* meaning) {
+    keys.number(key, value, "s", 0, 3600, meaning);
+    keys.require(value == 0 || value >= 0.1, key, "must be 0 (never) or 0.1 to 3600 s");
   };
-  integer("address", sender.address, 0, kLastCanAddress);
-  integer("unique_number", sender.name.unique_number, 0, 0x1FFFFF);
-  integer("manufacturer_code", sender.name.manufacturer_code, 0, 2046);
-  integer("device_instance", sender.name.device_instance, 0, 255);
-  integer("status_pgn", sender.status_pgn, CanSender::kFirstStatusPgn, CanSender::kLastStatusPgn);
-  const auto period = [&](const char* key, double& value) {
-    value = table.number(key, value, 0, 3600);
-    if (value != 0 && value < 0.1) table.fail(key, "must be 0 (never) or 0.1 to 3600 s");
-  };
-  period("position_period_s", sender.position_period_s);
-  period("fix_period_s", sender.fix_period_s);
-  period("depth_period_s", sender.depth_period_s);
-  period("status_period_s", sender.status_period_s);
-  sender.frames_per_s = table.number("frames_per_s", sender.frames_per_s, 1, 1000);
+  period("position_period_s", sender.position_period_s, "0 (never) or 0.1 at least");
+  period("fix_period_s", sender.fix_period_s, "the same");
+  period("depth_period_s", sender.depth_period_s, "the same");
+  period("status_period_s", sender.status_period_s, "the same");
+  keys.number("frames_per_s", sender.frames_per_s, "1/s", 1, 1000, "at most");
 }
 
 }  // namespace
 
-CanConfig readCanConfig(const ConfigTable& table, CanConfig defaults) {
-  CanConfig out = std::move(defaults);
-  out.interface = table.text("interface", out.interface);
-  N2kSamples::Config& samples = out.samples;
-  readSources(table, samples);
-  samples.attitude_gap_s = table.number("attitude_gap_s", samples.attitude_gap_s, 0.01, 2);
-  samples.message_variation = table.choice("variation", samples.message_variation ? "message" : "mission",
-                                           {"mission", "message"}) == "message";
-  constexpr std::array kDepthSources = {"pressure", "depth", "offset"};
-  const std::string depth =
-      table.choice("depth_source", kDepthSources[static_cast<std::size_t>(samples.depth_from)],
-                   {"pressure", "depth", "offset"});
-  for (std::size_t i = 0; i < kDepthSources.size(); ++i) {
-    if (depth == kDepthSources[i]) samples.depth_from = static_cast<N2kSamples::DepthFrom>(i);
-  }
-  samples.surface_pressure_pa = table.number("surface_pressure_pa", samples.surface_pressure_pa, 0, 120000);
-  samples.water_density = numberAboveZero(table, "water_density_kgpm3", samples.water_density, 1200);
-  if (samples.water_density && *samples.water_density < 900)
-    table.fail("water_density_kgpm3", "must be 0 (standard sea water) or 900 to 1200");
-  samples.battery_instance = smallInteger(table, "battery_instance", samples.battery_instance, 252);
-  samples.gps_range_sigma_m = table.number("gps_range_sigma_m", samples.gps_range_sigma_m, 0.01, 100);
-  samples.salinity_psu = numberAboveZero(table, "salinity_psu", samples.salinity_psu, 50);
-  readSender(table.table("send"), out);
-  return out;
+void visitCan(KeyVisitor& keys, CanConfig& can) {
+  constexpr const char* kVariations[] = {"mission", "message"};
+  constexpr const char* kDepthSources[] = {"pressure", "depth", "offset"};
+  N2kSamples::Config& c = can.samples;
+  keys.text("interface", can.interface, "as `ip link` names it; empty: no CAN");
+  keys.optionalInteger("heading_address", c.heading_source, kLastCanAddress,
+                       "that headings are taken from; -1: the first to send");
+  keys.optionalInteger("attitude_address", c.attitude_source, kLastCanAddress, "roll and pitch");
+  keys.optionalInteger("gyro_address", c.gyro_source, kLastCanAddress, "rate of turn");
+  keys.optionalInteger("depth_address", c.depth_source, kLastCanAddress, "depth");
+  keys.optionalInteger("battery_address", c.battery_source, kLastCanAddress, "battery");
+  keys.optionalInteger("gps_address", c.gps_source, kLastCanAddress, "GPS");
+  keys.optionalInteger("water_address", c.water_source, kLastCanAddress, "water");
+  keys.number("switch_after_s", c.switch_after_s, "s", 0.1, 1e6,
+              "silence after which a source that is not configured is replaced");
+  keys.number("attitude_gap_s", c.attitude_gap_s, "s", 0.01, 2,
+              "between the roll and pitch around a heading");
+  keys.choiceOf(
+      "variation", c.message_variation, kVariations,
+      "mission: headings stay magnetic, mission.toml's declination counts; message: that of 127250, "
+      "where sent");
+  keys.choiceOf("depth_source", c.depth_from, kDepthSources, "130314 of source water, or fields of 128267");
+  keys.number("surface_pressure_pa", c.surface_pressure_pa, "Pa", 0, 120000,
+              "what the sensor shows in air; 0 for a gauge");
+  keys.optionalNumber("water_density_kgpm3", c.water_density, "kg/m3", 1200,
+                      "900 at least; 0: the ocean of UNESCO 44");
+  keys.require(!c.water_density || *c.water_density >= 900, "water_density_kgpm3",
+               "must be 0 (standard sea water) or 900 to 1200");
+  keys.optionalInteger("battery_instance", c.battery_instance, 252, "-1: the first received");
+  keys.number("gps_range_sigma_m", c.gps_range_sigma_m, "m", 0.01, 100, "sigma of a fix = HDOP times this");
+  keys.optionalNumber("salinity_psu", c.salinity_psu, "psu", 50,
+                      "where no 130321 comes; 0: unknown, then no sound speed");
+  keys.table("send", "what the vehicle says on the bus", [&] { visitSender(keys, can); });
 }
 
 CanSource::CanSource(const CanConfig& config, const rt::Clock& vehicle)

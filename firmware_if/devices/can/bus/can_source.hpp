@@ -9,7 +9,7 @@
 #include "firmware_if/devices/can/samples/n2k_samples.hpp"
 #include "firmware_if/devices/can/send/can_sender.hpp"
 #include "firmware_if/devices/sample_source.hpp"
-#include "realtime/base/config_table.hpp"
+#include "realtime/base/config_keys.hpp"
 #include "realtime/kernel/rings/latest_value.hpp"
 
 namespace fathom::io {
@@ -22,8 +22,8 @@ struct CanConfig {
   CanSender::Config sender;    // software_version: the caller sets it
 };
 
-// Values of `table`, else of `defaults`. Throws InputError for a value out of range.
-[[nodiscard]] CanConfig readCanConfig(const ConfigTable& table, CanConfig defaults);
+// Its keys.
+void visitCan(KeyVisitor& keys, CanConfig& config);
 
 // The vehicle's NMEA 2000 bus: compass, depth, battery, GPS and water as samples, every frame raw ("RAW_CAN",
 // firmware_if/devices/can/raw_can.hpp), errors of the bus counted. Samples carry the time of reception as
