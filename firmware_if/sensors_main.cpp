@@ -1,7 +1,6 @@
 // fathom-sensors: checks hardware before a dive and decodes captures.
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -9,12 +8,10 @@
 #include "firmware_if/devices/capture_commands.hpp"
 #include "firmware_if/predive/predive_command.hpp"
 #include "realtime/base/command_line.hpp"
-#include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
-#include "realtime/base/version.hpp"
 #include "telemetry/downlink/downlink.hpp"
-#include "telemetry/wire/bundle.hpp"
-#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace {
 
@@ -64,57 +61,52 @@ io::PrediveLink makeLink(const io::MissionConfig& mission, const std::optional<t
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"Checks a vehicle's devices before a dive and decodes captures of its sensors."};
-  app.footer(
-      "Example: fathom-sensors predive dives/today --config onboard.toml\n"
-      "         fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
-  app.require_subcommand(1);
+  CommandLine app("Checks a vehicle's devices before a dive and decodes captures of its sensors.",
+                  "Example: fathom-sensors predive dives/today --config onboard.toml\n"
+                  "         fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
 
   io::DvlCommand dvl;
-  CLI::App* dvl_app = app.add_subcommand("dvl", "RDI PD0 ensembles with bottom track");
-  dvl_app->add_option("FILE", dvl.file, "PD0 capture")->required();
-  dvl_app->add_flag("--csv", dvl.csv,
-                    "A row per ensemble instead of a summary; absent values are empty fields");
-  dvl_app->footer("Example: fathom-sensors dvl dive.pd0 --csv > dive.csv\n");
+  CommandLine& dvl_command = app.command("dvl", "RDI PD0 ensembles with bottom track",
+                                         "Example: fathom-sensors dvl dive.pd0 --csv > dive.csv\n",
+                                         [&] { return io::runDvlCommand(dvl, stdout, stderr); });
+  dvl_command.add_option("FILE", dvl.file, "PD0 capture")->required();
+  dvl_command.add_flag("--csv", dvl.csv,
+                       "A row per ensemble instead of a summary; absent values are empty fields");
 
   io::CanCommand can;
-  CLI::App* can_app = app.add_subcommand("can", "NMEA 2000 messages of a CAN capture");
-  can_app
-      ->add_option("FILE", can.file,
-                   "text of candump, canboat (plain), Yacht Devices (RAW) or Actisense (N2K ASCII), or a "
-                   "mission's sensors.lcmlog")
+  CommandLine& can_command = app.command("can", "NMEA 2000 messages of a CAN capture",
+                                         "Example: fathom-sensors can candump.log --json > can.jsonl\n",
+                                         [&] { return io::runCanCommand(can, stdout, stderr); });
+  can_command
+      .add_option("FILE", can.file,
+                  "text of candump, canboat (plain), Yacht Devices (RAW) or Actisense (N2K ASCII), or a "
+                  "mission's sensors.lcmlog")
       ->required();
-  can_app->add_flag("--json", can.json,
-                    "One JSON object a message instead of a summary; absent values are left out");
-  can_app->footer("Example: fathom-sensors can candump.log --json > can.jsonl\n");
+  can_command.add_flag("--json", can.json,
+                       "One JSON object a message instead of a summary; absent values are left out");
 
   io::PrediveCommand predive;
-  CLI::App* predive_app =
-      app.add_subcommand("predive", "Checks every device before the launch: green or red");
-  predive_app->add_option("FOLDER", predive.folder, "Mission folder with mission.toml and stereo.calib")
+  CommandLine& predive_command = app.command(
+      "predive", "Checks every device before the launch: green or red",
+      "Exit status 0: no row is red. Example: fathom-sensors predive dives/today --config onboard.toml\n",
+      [&] {
+        predive.colours = ::isatty(STDOUT_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr;
+        const auto make_link = [&](const io::MissionConfig& mission, const ConfigTable& table) {
+          const std::filesystem::path key_file = table.text("key_file", "");
+          std::optional<telemetry::LinkKey> key;
+          std::string warning;
+          if (!key_file.empty())
+            key = telemetry::readLinkKey(predive.config.parent_path() / key_file, warning);
+          const auto modem_bytes = static_cast<std::size_t>(table.integer("modem_bytes", 0, 0, 2048));
+          return makeLink(mission, key, table.boolean("padded", false) ? modem_bytes : 0);
+        };
+        return io::runPrediveCommand(predive, make_link, stdout);
+      });
+  predive_command.add_option("FOLDER", predive.folder, "Mission folder with mission.toml and stereo.calib")
       ->required();
-  predive_app->add_option("--config", predive.config, "onboard.toml of the dive")->required();
-  predive_app->add_option("--seconds", predive.seconds, "Time for which the devices are checked [s]")
-      ->check(CLI::Range(0.1, 3600.0))
-      ->capture_default_str();
-  predive_app->add_flag("--json", predive.json, "One JSON object instead of the table");
-  predive_app->footer(
-      "Exit status 0: no row is red. Example: fathom-sensors predive dives/today --config onboard.toml\n");
-
-  app.set_version_flag("--version", versionLine("fathom-sensors"));
-  if (const auto code = parseCommandLine("fathom-sensors", app, argc, argv)) return *code;
-  return runTool("fathom-sensors", [&] {
-    if (dvl_app->parsed()) return io::runDvlCommand(dvl, stdout, stderr);
-    if (can_app->parsed()) return io::runCanCommand(can, stdout, stderr);
-    predive.colours = ::isatty(STDOUT_FILENO) == 1 && std::getenv("NO_COLOR") == nullptr;
-    const auto make_link = [&](const io::MissionConfig& mission, const ConfigTable& table) {
-      const std::filesystem::path key_file = table.text("key_file", "");
-      std::optional<telemetry::LinkKey> key;
-      std::string warning;
-      if (!key_file.empty()) key = telemetry::readLinkKey(predive.config.parent_path() / key_file, warning);
-      const auto modem_bytes = static_cast<std::size_t>(table.integer("modem_bytes", 0, 0, 2048));
-      return makeLink(mission, key, table.boolean("padded", false) ? modem_bytes : 0);
-    };
-    return io::runPrediveCommand(predive, make_link, stdout);
-  });
+  predive_command.add_option("--config", predive.config, "onboard.toml of the dive")->required();
+  predive_command.shown("--seconds", predive.seconds, "Time for which the devices are checked [s]", 0.1,
+                        3600.0);
+  predive_command.add_flag("--json", predive.json, "One JSON object instead of the table");
+  return app.run("fathom-sensors", argc, argv, versionLine("fathom-sensors"));
 }

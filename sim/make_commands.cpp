@@ -4,7 +4,6 @@
 #include <optional>
 #include <string>
 
-#include "realtime/base/input_error.hpp"
 #include "realtime/base/progress.hpp"
 #include "realtime/base/text.hpp"
 #include "sim/boards/board_maker.hpp"
@@ -59,78 +58,62 @@ int render(RenderOptions& options) {
 
 }  // namespace
 
-Command addRenderCommand(CLI::App& app) {
+void addRenderCommand(CommandLine& app) {
   const auto options = std::make_shared<RenderOptions>();
-  CLI::App* command = app.add_subcommand("render", "make a mission folder from a scenario");
-  command->footer("Example: fathom-sim render reef-grid --out missions/reef-grid --scale 0.5");
-  command->add_option("scenario", options->scenario, "TOML file, or the name of a shipped scenario")
+  CommandLine& command =
+      app.command("render", "make a mission folder from a scenario",
+                  "Example: fathom-sim render reef-grid --out missions/reef-grid --scale 0.5",
+                  [options] { return render(*options); });
+  command.add_option("scenario", options->scenario, "TOML file, or the name of a shipped scenario")
       ->required();
-  command->add_option("--out", options->maker.out, "mission folder to make")->required();
-  command->add_option("--seed", options->seed, "instead of the scenario's own");
-  command->add_option("--duration", options->duration_s, "cut the survey after this [s]");
-  command->add_option("--scale", options->scale, "of the images' sides, 0.05 to 1");
-  command->add_option("--rate", options->rate_hz, "pairs a second, 0.1 to 30");
-  command->add_option("--threads", options->maker.threads, "0: all")->check(CLI::Range(0, 1024));
-  command->add_flag("--features", options->maker.features,
-                    "write simulated stereo features in place of pictures");
-  command->add_flag("--force", options->maker.force, "replace a folder that is not empty");
-  return {command, [options] { return render(*options); }};
+  command.add_option("--out", options->maker.out, "mission folder to make")->required();
+  command.add_option("--seed", options->seed, "instead of the scenario's own");
+  command.add_option("--duration", options->duration_s, "cut the survey after this [s]");
+  command.add_option("--scale", options->scale, "of the images' sides, 0.05 to 1");
+  command.add_option("--rate", options->rate_hz, "pairs a second, 0.1 to 30");
+  command.add_option("--threads", options->maker.threads, "0: all")->check(CLI::Range(0, 1024));
+  command.add_flag("--features", options->maker.features,
+                   "write simulated stereo features in place of pictures");
+  command.add_flag("--force", options->maker.force, "replace a folder that is not empty");
 }
 
-Command addKeysCommand(CLI::App& app) {
+void addKeysCommand(CommandLine& app) {
   const auto scenario = std::make_shared<std::string>();
-  CLI::App* command =
-      app.add_subcommand("keys", "print every key of a scenario with unit, range, default and meaning");
-  command->footer("Example: fathom-sim keys reef-quick");
-  command->add_option("scenario", *scenario, "its values (default: the defaults)");
-  return {command, [scenario] {
-            std::fputs(scenarioToml(scenario->empty() ? Scenario() : loadScenario(*scenario)).c_str(),
-                       stdout);
-            return kExitSuccess;
-          }};
+  CommandLine& command = app.command(
+      "keys", "print every key of a scenario with unit, range, default and meaning",
+      "Example: fathom-sim keys reef-quick", [scenario] {
+        std::fputs(scenarioToml(scenario->empty() ? Scenario() : loadScenario(*scenario)).c_str(), stdout);
+        return kExitSuccess;
+      });
+  command.add_option("scenario", *scenario, "its values (default: the defaults)");
 }
 
-Command addControlCommand(CLI::App& app) {
+void addControlCommand(CommandLine& app) {
   struct State {
     std::filesystem::path mission;
     ControlMakerOptions options;
   };
   const auto state = std::make_shared<State>();
-  CLI::App* command = app.add_subcommand(
-      "control", "write surveyed control points and their image marks for a simulated dive, with errors");
-  command->footer("Example: fathom-sim control missions/reef-grid --points 5 --checks 5");
-  command->add_option("mission", state->mission, "mission folder with its truth")->required();
+  CommandLine& command = app.command(
+      "control", "write surveyed control points and their image marks for a simulated dive, with errors",
+      "Example: fathom-sim control missions/reef-grid --points 5 --checks 5", [state] {
+        const ControlMakerReport report = makeControl(state->mission, state->options);
+        std::printf("%s: %d points, %d marks, %d scale bars\n", report.folder.string().c_str(), report.points,
+                    report.marks, report.bars);
+        return kExitSuccess;
+      });
+  command.add_option("mission", state->mission, "mission folder with its truth")->required();
   ControlMakerOptions& o = state->options;
-  command->add_option("--out", o.out, "folder (MISSION/control)");
-  command->add_option("--points", o.points, "control points")
-      ->check(CLI::Range(0, 1000))
-      ->capture_default_str();
-  command->add_option("--checks", o.checks, "check points")
-      ->check(CLI::Range(0, 1000))
-      ->capture_default_str();
-  command->add_option("--bars", o.bars, "scale bars")->check(CLI::Range(0, 1000))->capture_default_str();
-  command->add_option("--sigma", o.sigma, "of a survey, each axis [m]")
-      ->check(CLI::Range(1e-4, 10.0))
-      ->capture_default_str();
-  command->add_option("--bar-length", o.bar_length, "about [m]")
-      ->check(CLI::Range(0.05, 100.0))
-      ->capture_default_str();
-  command->add_option("--bar-sigma", o.bar_sigma, "of its length [m]")
-      ->check(CLI::Range(1e-5, 1.0))
-      ->capture_default_str();
-  command->add_option("--pixel-sigma", o.pixel_sigma, "of a mark [px]")
-      ->check(CLI::Range(0.01, 50.0))
-      ->capture_default_str();
-  command->add_option("--marks", o.marks, "of a point, at most")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  command->add_option("--seed", o.seed, "of all draws")->capture_default_str();
-  return {command, [state] {
-            const ControlMakerReport report = makeControl(state->mission, state->options);
-            std::printf("%s: %d points, %d marks, %d scale bars\n", report.folder.string().c_str(),
-                        report.points, report.marks, report.bars);
-            return kExitSuccess;
-          }};
+  command.add_option("--out", o.out, "folder (MISSION/control)");
+  command.shown("--points", o.points, "control points", 0, 1000);
+  command.shown("--checks", o.checks, "check points", 0, 1000);
+  command.shown("--bars", o.bars, "scale bars", 0, 1000);
+  command.shown("--sigma", o.sigma, "of a survey, each axis [m]", 1e-4, 10.0);
+  command.shown("--bar-length", o.bar_length, "about [m]", 0.05, 100.0);
+  command.shown("--bar-sigma", o.bar_sigma, "of its length [m]", 1e-5, 1.0);
+  command.shown("--pixel-sigma", o.pixel_sigma, "of a mark [px]", 0.01, 50.0);
+  command.shown("--marks", o.marks, "of a point, at most", 1, 1000);
+  command.shown("--seed", o.seed, "of all draws");
 }
 
 namespace {
@@ -166,30 +149,23 @@ int makeBoardPairs(BoardsOptions& options) {
 
 }  // namespace
 
-Command addBoardsCommand(CLI::App& app) {
+void addBoardsCommand(CommandLine& app) {
   const auto options = std::make_shared<BoardsOptions>();
   BoardMakerOptions& maker = options->maker;
-  CLI::App* command =
-      app.add_subcommand("boards", "photograph a chessboard under water, with truth, for calibration");
-  command->footer("Example: fathom-sim boards --out boards --views 30");
-  command->add_option("--out", maker.out, "folder to make: img/ and truth/")->required();
-  command->add_option("--scenario", options->scenario,
-                      "its rig, water, strobes and sensors are used (default: those of `keys`)");
-  command->add_option("--calib", options->calib, "stereo.calib in place of the scenario's rig");
-  command->add_option("--views", maker.poses.views, "pairs")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  command->add_option("--distance", maker.poses.distance, "mean distance of the board [m]")
-      ->check(CLI::Range(0.3, 10.0))
-      ->capture_default_str();
-  command->add_option("--board", options->board, "inner corners along and across")->capture_default_str();
-  command->add_option("--square", maker.board.square, "edge of a square [m]")
-      ->check(CLI::Range(0.002, 1.0))
-      ->capture_default_str();
-  command->add_option("--scale", options->scale, "of the images' sides")->check(CLI::Range(0.05, 1.0));
-  command->add_option("--seed", maker.poses.seed, "of poses and noise")->capture_default_str();
-  command->add_option("--threads", maker.threads, "0: all")->check(CLI::Range(0, 1024));
-  return {command, [options] { return makeBoardPairs(*options); }};
+  CommandLine& command = app.command(
+      "boards", "photograph a chessboard under water, with truth, for calibration",
+      "Example: fathom-sim boards --out boards --views 30", [options] { return makeBoardPairs(*options); });
+  command.add_option("--out", maker.out, "folder to make: img/ and truth/")->required();
+  command.add_option("--scenario", options->scenario,
+                     "its rig, water, strobes and sensors are used (default: those of `keys`)");
+  command.add_option("--calib", options->calib, "stereo.calib in place of the scenario's rig");
+  command.shown("--views", maker.poses.views, "pairs", 1, 1000);
+  command.shown("--distance", maker.poses.distance, "mean distance of the board [m]", 0.3, 10.0);
+  command.shown("--board", options->board, "inner corners along and across");
+  command.shown("--square", maker.board.square, "edge of a square [m]", 0.002, 1.0);
+  command.add_option("--scale", options->scale, "of the images' sides")->check(CLI::Range(0.05, 1.0));
+  command.shown("--seed", maker.poses.seed, "of poses and noise");
+  command.add_option("--threads", maker.threads, "0: all")->check(CLI::Range(0, 1024));
 }
 
 }  // namespace fathom::sim

@@ -2,17 +2,16 @@
 #include <memory>
 #include <string>
 
-#include "realtime/base/input_error.hpp"
 #include "realtime/base/progress.hpp"
 #include "sim/campaign/campaign.hpp"
 #include "sim/commands.hpp"
 #include "sim/picture/picture.hpp"
-#include "sim/score/colour_detail.hpp"
+#include "sim/score/colour_score.hpp"
 #include "sim/score/score.hpp"
 
 namespace fathom::sim {
 
-Command addScoreCommand(CLI::App& app) {
+void addScoreCommand(CommandLine& app) {
   struct State {
     std::filesystem::path mission;
     std::vector<std::filesystem::path> surfaces;
@@ -20,59 +19,49 @@ Command addScoreCommand(CLI::App& app) {
     bool json = false;
   };
   const auto state = std::make_shared<State>();
-  CLI::App* command = app.add_subcommand("score", "compare estimates with the truth");
-  command->footer("Example: fathom-sim score missions/reef-grid");
-  command->add_option("mission", state->mission, "mission folder")->required();
-  command->add_option("--surface", state->surfaces,
-                      "also these PLY meshes in nav, such as levels of the model");
-  command->add_option("--colour-maps", state->maps,
-                      "folder for pictures: truth, product and error of every product's colours");
-  command->add_flag("--json", state->json, "one JSON object instead of a table");
-  return {command, [state] {
-            const ScoreReport report = scoreMission(state->mission, state->surfaces);
-            for (const std::string& note : report.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
-            if (!state->maps.empty()) {
-              std::filesystem::create_directories(state->maps);
-              for (const auto& [name, score] : report.colours)
-                writeColourMap(state->maps / (std::filesystem::path(name).stem().string() + ".png"), score);
-            }
-            std::printf("%s\n", state->json ? scoreJson(report).c_str() : scoreTable(report).c_str());
-            return kExitSuccess;
-          }};
+  CommandLine& command = app.command(
+      "score", "compare estimates with the truth", "Example: fathom-sim score missions/reef-grid", [state] {
+        const ScoreReport report = scoreMission(state->mission, state->surfaces);
+        for (const std::string& note : report.notes) std::fprintf(stderr, "note: %s\n", note.c_str());
+        if (!state->maps.empty()) {
+          std::filesystem::create_directories(state->maps);
+          for (const auto& [name, score] : report.colours)
+            writeColourMap(state->maps / (std::filesystem::path(name).stem().string() + ".png"), score);
+        }
+        std::printf("%s\n", state->json ? scoreJson(report).c_str() : scoreTable(report).c_str());
+        return kExitSuccess;
+      });
+  command.add_option("mission", state->mission, "mission folder")->required();
+  command.add_option("--surface", state->surfaces,
+                     "also these PLY meshes in nav, such as levels of the model");
+  command.add_option("--colour-maps", state->maps,
+                     "folder for pictures: truth, product and error of every product's colours");
+  command.add_flag("--json", state->json, "one JSON object instead of a table");
 }
 
-Command addCampaignCommand(CLI::App& app) {
+void addCampaignCommand(CommandLine& app) {
   const auto options = std::make_shared<CampaignOptions>();
-  CLI::App* command =
-      app.add_subcommand("campaign", "simulate many dives with growing perturbations, and report which fail");
-  command->footer("Example: fathom-sim campaign --out missions/campaign --dives 146");
+  CommandLine& command = app.command(
+      "campaign", "simulate many dives with growing perturbations, and report which fail",
+      "Example: fathom-sim campaign --out missions/campaign --dives 146", [options] {
+        if (options->programs.empty())
+          options->programs = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+        rt::ProgressBar bar;
+        options->progress = [&bar](std::size_t done, std::size_t total) { bar.show(done, total, "dives"); };
+        const auto dives = runCampaign(*options);
+        std::printf("%zu dives: %s\n", dives.size(), (options->out / "campaign.html").c_str());
+        return kExitSuccess;
+      });
   command
-      ->add_option("--out", options->out,
-                   "folder for results.jsonl and campaign.html; dives that it holds are not repeated")
+      .add_option("--out", options->out,
+                  "folder for results.jsonl and campaign.html; dives that it holds are not repeated")
       ->required();
-  command->add_option("--dives", options->dives, "total number")
-      ->check(CLI::Range(1, 1'000'000))
-      ->capture_default_str();
-  command->add_option("--only", options->only, "repeat this dive alone and keep its mission");
-  command->add_option("--seed", options->seed, "of all dives")
-      ->check(CLI::Range(0, 1'000'000))
-      ->capture_default_str();
-  command->add_option("--jobs", options->jobs, "dives in parallel, one core each")
-      ->check(CLI::Range(1, 256))
-      ->capture_default_str();
-  command->add_option("--programs", options->programs,
-                      "folder of fathom-onboard and fathom-topside (default: this program's)");
-  return {command, [options] {
-            if (options->programs.empty())
-              options->programs = std::filesystem::read_symlink("/proc/self/exe").parent_path();
-            rt::ProgressBar bar;
-            options->progress = [&bar](std::size_t done, std::size_t total) {
-              bar.show(done, total, "dives");
-            };
-            const auto dives = runCampaign(*options);
-            std::printf("%zu dives: %s\n", dives.size(), (options->out / "campaign.html").c_str());
-            return kExitSuccess;
-          }};
+  command.shown("--dives", options->dives, "total number", 1, 1'000'000);
+  command.add_option("--only", options->only, "repeat this dive alone and keep its mission");
+  command.shown("--seed", options->seed, "of all dives", 0, 1'000'000);
+  command.shown("--jobs", options->jobs, "dives in parallel, one core each", 1, 256);
+  command.add_option("--programs", options->programs,
+                     "folder of fathom-onboard and fathom-topside (default: this program's)");
 }
 
 namespace {
@@ -89,32 +78,30 @@ void requireWritable(const std::filesystem::path& png) {
 
 }  // namespace
 
-Command addPictureCommand(CLI::App& app) {
+void addPictureCommand(CommandLine& app) {
   struct State {
     std::filesystem::path mesh, png;
     std::string view = "oblique", size = "1280x960";
   };
   const auto state = std::make_shared<State>();
-  CLI::App* command = app.add_subcommand("picture", "draw a PLY mesh as a PNG");
-  command->footer(
-      "Example: fathom-sim picture missions/reef-grid/topside/mesh.ply --out mesh.png --view oblique");
-  command->add_option("mesh", state->mesh, "PLY mesh in nav: north, east, down [m]")->required();
-  command->add_option("--out", state->png, "PNG to write")->required();
-  command->add_option("--view", state->view, "top or oblique")
-      ->check(CLI::IsMember({"top", "oblique"}))
-      ->capture_default_str();
-  command->add_option("--size", state->size, "WxH [px]")->capture_default_str();
-  return {command, [state] {
-            PictureOptions options;
-            options.view = state->view == "top" ? PictureOptions::View::kTop : PictureOptions::View::kOblique;
-            int used = 0;
-            if (std::sscanf(state->size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
-                static_cast<std::size_t>(used) != state->size.size())
-              throw InputError("--size", state->size, "is not WxH, such as 1280x960");
-            requireWritable(state->png);
-            drawPicture(state->mesh, state->png, options);
-            return static_cast<int>(kExitSuccess);
-          }};
+  CommandLine& command = app.command(
+      "picture", "draw a PLY mesh as a PNG",
+      "Example: fathom-sim picture missions/reef-grid/topside/mesh.ply --out mesh.png --view oblique",
+      [state] {
+        PictureOptions options;
+        options.view = state->view == "top" ? PictureOptions::View::kTop : PictureOptions::View::kOblique;
+        int used = 0;
+        if (std::sscanf(state->size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
+            static_cast<std::size_t>(used) != state->size.size())
+          throw InputError("--size", state->size, "is not WxH, such as 1280x960");
+        requireWritable(state->png);
+        drawPicture(state->mesh, state->png, options);
+        return static_cast<int>(kExitSuccess);
+      });
+  command.add_option("mesh", state->mesh, "PLY mesh in nav: north, east, down [m]")->required();
+  command.add_option("--out", state->png, "PNG to write")->required();
+  command.shown("--view", state->view, "top or oblique")->check(CLI::IsMember({"top", "oblique"}));
+  command.shown("--size", state->size, "WxH [px]");
 }
 
 }  // namespace fathom::sim

@@ -1,13 +1,17 @@
 #pragma once
 
+#include <poll.h>
+
 #include <cstdint>
+#include <exception>
 #include <span>
 #include <string>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include "firmware_if/devices/short_text.hpp"
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "recon/geometry/sensor_samples.hpp"
 
 namespace fathom::io {
@@ -27,12 +31,16 @@ class SampleSink {
 struct DeviceHealth {
   std::string_view name;          // "dvl", "can"...; static storage
   bool open = false;              // the device is there
-  ShortText<95> reason;           // why it is not, or what its last poll failed with; else empty
+  ShortText<95> reason = {};      // why it is not, or what its last poll failed with; else empty
   std::int64_t last_data_ns = 0;  // arrival of the newest good sample, UTC; 0: none yet
   std::uint64_t samples = 0;      // good ones given out
   std::uint64_t disconnects = 0;  // times that it went away
-  // Every other counter, by name; sized at construction.
-  std::vector<std::pair<std::string_view, std::uint64_t>> counters;
+  ShortList<std::pair<std::string_view, std::uint64_t>, 32> counters = {};  // every other, by name
+  [[nodiscard]] std::uint64_t counter(std::string_view of) const noexcept {
+    for (const auto& [known, value] : counters)
+      if (known == of) return value;
+    return 0;
+  }
 };
 
 // One device that gives samples: a serial line, a CAN interface, an LCM bus. One thread polls it. A device
@@ -46,9 +54,52 @@ class SampleSource {
   virtual bool poll(int timeout_ms, SampleSink& sink) = 0;
   // Closes the device; the next poll() opens it again. On the polling thread.
   virtual void close() noexcept {}
-  // Refreshes a DeviceHealth that health() gave, without allocating. Only on the polling thread.
-  virtual void updateHealth(DeviceHealth& health) const noexcept = 0;
-  [[nodiscard]] virtual DeviceHealth health() const = 0;  // set-up only
+  // Takes no memory. Only on the polling thread.
+  [[nodiscard]] virtual DeviceHealth health() const = 0;
+};
+
+// Stands between a device and the thread that polls it, a SampleSource or a CameraSource. An exception of
+// poll() (no memory, an error of a library) is counted and its text kept; the device is closed and polled
+// again after 1, 2, 4... 60 s. The thread never ends by it.
+class PollFence {
+ public:
+  static constexpr std::int64_t kFirstRestNs = kSecond_ns, kLongestRestNs = 60 * kSecond_ns;
+
+  // One poll, or a rest of `timeout_ms` while the device is not to be asked.
+  template <class Device, class Sink>
+  void poll(Device& device, int timeout_ms, Sink& sink, std::int64_t monotonic_ns) noexcept {
+    if (!wait_.due(monotonic_ns)) {
+      ::poll(nullptr, 0, timeout_ms);
+      return;
+    }
+    try {
+      static_cast<void>(device.poll(timeout_ms, sink));
+      wait_.succeeded();
+      reason_ = {};
+      return;
+    } catch (const std::exception& e) {
+      reason_ = e.what();
+    } catch (...) {
+      reason_ = "exception of unknown type";
+    }
+    ++failures_;
+    device.close();
+    wait_.failed(monotonic_ns);
+  }
+  // Marks a device that rests as not there, with the reason.
+  void markFailure(DeviceHealth& health) const noexcept {
+    if (reason_.empty()) return;
+    health.open = false;
+    health.reason = reason_;
+  }
+  // What the last poll threw; empty when it did not.
+  [[nodiscard]] std::string_view reason() const noexcept { return reason_.view(); }
+  [[nodiscard]] std::uint64_t failures() const noexcept { return failures_; }
+
+ private:
+  rt::RetryWait wait_{kFirstRestNs, kLongestRestNs};
+  decltype(DeviceHealth::reason) reason_;
+  std::uint64_t failures_ = 0;
 };
 
 }  // namespace fathom::io

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <initializer_list>
 #include <string>
 #include <string_view>
 
@@ -38,6 +39,10 @@ using ShortName = ShortText<31>;
 template <typename T, std::size_t N>
 class ShortList {
  public:
+  ShortList() = default;
+  ShortList(std::initializer_list<T> values) noexcept {
+    for (const T& value : values) add(value);
+  }
   // False, and nothing added, when full.
   bool add(const T& value) noexcept {
     if (size_ == N) return false;

@@ -9,7 +9,7 @@
 #include "firmware_if/devices/byte_stream.hpp"
 #include "realtime/base/files/descriptor.hpp"
 #include "realtime/base/units.hpp"
-#include "realtime/kernel/time/retry_wait.hpp"
+#include "realtime/kernel/time/clock.hpp"
 
 namespace fathom::io {
 

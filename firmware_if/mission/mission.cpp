@@ -97,11 +97,7 @@ MissionConfig configFrom(const ConfigTable& top) {
   c.dvl.phased_array = top.table("dvl").boolean("phased_array", c.dvl.phased_array);
 
   const ConfigTable extrinsics = top.table("extrinsics");
-  c.T_body_cam = readSensorPose(extrinsics, "T_body_cam");
-  c.T_body_dvl = readSensorPose(extrinsics, "T_body_dvl");
-  c.T_body_usbl = readSensorPose(extrinsics, "T_body_usbl");
-  c.T_body_depth = readSensorPose(extrinsics, "T_body_depth");
-  c.T_body_compass = readSensorPose(extrinsics, "T_body_compass");
+  for (const auto& [name, pose] : MissionConfig::posesOf(c)) *pose = readSensorPose(extrinsics, name);
 
   const ConfigTable offsets = top.table("time_offsets");
   const auto offset = [&](const char* key) {
@@ -160,12 +156,7 @@ std::string missionText(const MissionConfig& c) {
       << "\nright_format = " << tomlString(kPixelFormats.at(static_cast<std::size_t>(c.cameras.right_format)))
       << "\nbits = " << c.cameras.bits << "\nrate_hz = " << tomlNumber(c.cameras.rate_hz) << "\n";
   if (c.dvl.phased_array) out << "\n[dvl]\nphased_array = true\n";
-  const std::array<std::pair<const char*, const SE3*>, 5> poses = {{{"T_body_cam", &c.T_body_cam},
-                                                                    {"T_body_dvl", &c.T_body_dvl},
-                                                                    {"T_body_usbl", &c.T_body_usbl},
-                                                                    {"T_body_depth", &c.T_body_depth},
-                                                                    {"T_body_compass", &c.T_body_compass}}};
-  for (const auto& [name, pose] : poses)
+  for (const auto& [name, pose] : MissionConfig::posesOf(c))
     out << "\n[extrinsics." << name << "]\ntranslation_m = " << vectorText(pose->translation())
         << "\neuler_rad = " << vectorText(writtenEuler(*pose)) << "\n";
   out << "\n[time_offsets]\nleft_camera_s = " << tomlNumber(c.time_offsets.left_camera)

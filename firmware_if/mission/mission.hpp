@@ -1,10 +1,12 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "recon/geometry/geodesy.hpp"
@@ -50,6 +52,13 @@ struct MissionConfig {
 
   // Poses of the sensors in body (forward-starboard-down).
   SE3 T_body_cam, T_body_dvl, T_body_usbl, T_body_depth, T_body_compass;
+  // Their names in [extrinsics], and where they are in `c`.
+  template <class Config>
+  static auto posesOf(Config& c) {
+    return std::array{std::pair("T_body_cam", &c.T_body_cam), std::pair("T_body_dvl", &c.T_body_dvl),
+                      std::pair("T_body_usbl", &c.T_body_usbl), std::pair("T_body_depth", &c.T_body_depth),
+                      std::pair("T_body_compass", &c.T_body_compass)};
+  }
 
   // Added to a sensor's time stamp to get UTC [s].
   struct TimeOffsets {

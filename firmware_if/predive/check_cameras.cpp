@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "firmware_if/predive/predive_checks.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
 
 namespace fathom::io {
@@ -12,13 +13,6 @@ constexpr std::size_t kFewestFrames = 3;  // before there is a rate
 constexpr double kPairedShare = 0.9;      // of the frames that must find their partner
 constexpr double kDarkFrame = 0.5;        // of the camera's usual brightness: a frame without light
 constexpr double kUnlike = 4;             // brightness of one camera over the other's
-
-double medianOf(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 double rateOf(const std::vector<FrameFacts>& frames) {
   const double time = static_cast<double>(frames.back().utc_ns - frames.front().utc_ns) / 1e9;
@@ -67,16 +61,12 @@ bool checkOne(const PrediveFacts& facts, std::size_t side, const CameraConfig& c
   const std::string found = named + ", " + size + ", " + decimals(rate, 2) + " Hz of " +
                             decimals(config.rate_hz, 2) + ", " + std::to_string(camera.frames.size()) +
                             " frames, " + std::to_string(missed) + " missed";
-  if (missed > 0)
-    report.bad(
-        name, found,
-        "frames are lost on the network: MTU 9000 on every part of the path, then cameras.packet_delay_ns");
-  else if (std::abs(rate - config.rate_hz) > kRateTolerance * config.rate_hz)
-    report.bad(
-        name, found,
-        "look at the trigger's rate and at cameras.rate_hz; an exposure longer than the period slows it");
-  else
-    report.good(name, found);
+  report.judge(
+      name, found,
+      {{missed > 0,
+        "frames are lost on the network: MTU 9000 on every part of the path, then cameras.packet_delay_ns"},
+       {std::abs(rate - config.rate_hz) > kRateTolerance * config.rate_hz,
+        "look at the trigger's rate and at cameras.rate_hz; an exposure longer than the period slows it"}});
   return true;
 }
 
@@ -89,28 +79,23 @@ void checkImages(const std::vector<FrameFacts>& frames, const std::string& side,
     means.push_back(frame.quality.mean);
     saturated = std::max(saturated, frame.quality.saturated_share);
   }
-  const double mean = medianOf(means);
+  const double mean = median(means);
   const std::string light = "mean " + decimals(100 * mean, 1) + " % of full scale, at most " +
                             decimals(100 * saturated, 1) + " % of the pixels saturated";
-  if (mean < limits.mean_min)
-    report.bad("exposure " + side, light, "too dark: lens cap, strobe, cameras.exposure_us, cameras.gain_db");
-  else if (mean > limits.mean_max || saturated > limits.saturated_share)
-    report.bad("exposure " + side, light,
-               "too bright: lower cameras.exposure_us or cameras.gain_db, or the strobe");
-  else
-    report.good("exposure " + side, light);
+  report.judge("exposure " + side, light,
+               {{mean < limits.mean_min, "too dark: lens cap, strobe, cameras.exposure_us, cameras.gain_db"},
+                {mean > limits.mean_max || saturated > limits.saturated_share,
+                 "too bright: lower cameras.exposure_us or cameras.gain_db, or the strobe"}});
   if (2 * widths.size() < frames.size()) {
     report.bad("focus " + side, "too few edges to measure",
                "show it something with edges at the distance that it will work at, and light it");
     return;
   }
-  const double width = medianOf(widths);
+  const double width = median(widths);
   const std::string found =
       "sharpest edges " + decimals(width, 1) + " px wide, " + decimals(limits.edge_px, 1) + " at most";
-  if (width <= limits.edge_px)
-    report.good("focus " + side, found);
-  else
-    report.bad("focus " + side, found, "turn the lens until the edges are sharp; wipe the port");
+  report.judge("focus " + side, found,
+               {{!(width <= limits.edge_px), "turn the lens until the edges are sharp; wipe the port"}});
 }
 
 struct PairedFrames {
@@ -149,13 +134,12 @@ void checkPair(const PrediveFacts& facts, const StereoCameraConfig& cameras, con
                  spread = pairs.offsets_s[n - 1 - n / 10] - pairs.offsets_s[n / 10];
     const std::string found = "right " + decimals(1e3 * middle, 2) + " ms after left, spread " +
                               decimals(1e3 * spread, 2) + " ms, " + std::to_string(n) + " pairs";
-    if (std::abs(middle) > limits.pair_offset_s || spread > limits.pair_offset_s ||
-        static_cast<double>(n) < kPairedShare * static_cast<double>(pairs.wanted))
-      report.bad("pair timing", found,
-                 "the cameras do not expose together: trigger both by one line (cameras.trigger = \"line\"), "
-                 "or by PTP");
-    else
-      report.good("pair timing", found);
+    report.judge(
+        "pair timing", found,
+        {{std::abs(middle) > limits.pair_offset_s || spread > limits.pair_offset_s ||
+              static_cast<double>(n) < kPairedShare * static_cast<double>(pairs.wanted),
+          "the cameras do not expose together: trigger both by one line (cameras.trigger = \"line\"), "
+          "or by PTP"}});
   }
 
   std::array<double, 2> usual{};
@@ -172,14 +156,11 @@ void checkPair(const PrediveFacts& facts, const StereoCameraConfig& cameras, con
                             decimals(100 * usual[1], 1) + " % of full scale; frames without light: left " +
                             std::to_string(dark[0]) + " of " + std::to_string(left.size()) + ", right " +
                             std::to_string(dark[1]) + " of " + std::to_string(right.size());
-  if (dark[0] + dark[1] > 0)
-    report.bad("strobe", found, "the strobe misses frames: look at its trigger, delay and recharge time");
-  else if (std::max(usual[0], usual[1]) > kUnlike * std::min(usual[0], usual[1]))
-    report.bad(
-        "strobe", found,
-        "one camera is not open when the strobe fires: look at trigger delays, exposure and lens caps");
-  else
-    report.good("strobe", found);
+  report.judge(
+      "strobe", found,
+      {{dark[0] + dark[1] > 0, "the strobe misses frames: look at its trigger, delay and recharge time"},
+       {std::max(usual[0], usual[1]) > kUnlike * std::min(usual[0], usual[1]),
+        "one camera is not open when the strobe fires: look at trigger delays, exposure and lens caps"}});
 }
 
 }  // namespace
@@ -193,10 +174,9 @@ void checkCameras(const PrediveFacts& facts, const StereoCameraConfig& cameras, 
   const std::string &left = facts.cameras[0].identity.serial, &right = facts.cameras[1].identity.serial;
   if (!left.empty() && !right.empty()) {
     const std::string wrong = serialMismatch(mission, left, right);
-    if (wrong.empty())
-      report.good("serial numbers", "left " + left + ", right " + right + ", as calibrated");
-    else
-      report.bad("serial numbers", "left " + left + ", right " + right, wrong);
+    report.judge("serial numbers",
+                 "left " + left + ", right " + right + (wrong.empty() ? ", as calibrated" : ""),
+                 {{!wrong.empty(), wrong}});
   }
   for (std::size_t side = 0; side < 2; ++side)
     if (gives[side]) checkImages(facts.cameras[side].frames, kCameraSides[side], limits, report);

@@ -23,12 +23,6 @@ double angleToDown(const SE3& T_body_sensor) {
   return std::acos(std::clamp(axis.z(), -1.0, 1.0));
 }
 
-std::uint64_t counterOf(const DeviceHealth& health, std::string_view name) {
-  for (const auto& [known, value] : health.counters)
-    if (known == name) return value;
-  return 0;
-}
-
 // Drift of the mapped time against the camera's own over the frames [s/s]; 0 without two seconds of them.
 double driftOf(const std::vector<FrameFacts>& frames) {
   if (frames.size() < 2) return 0;
@@ -42,25 +36,13 @@ constexpr double kDamagedShare = 0.05;    // of the ensembles: a bad line
 constexpr double kEarthRadius = 6.371e6;  // [m]
 
 // The place of a kind of sample in SensorSample.
-template <class Sample, std::size_t At = 0>
-consteval std::size_t kindOf() {
-  if constexpr (std::is_same_v<std::variant_alternative_t<At, SensorSample>, Sample>) {
-    return At;
-  } else {
-    return kindOf<Sample, At + 1>();
-  }
-}
 template <class Sample>
-constexpr std::size_t kKind = kindOf<Sample>();
+const std::size_t kKind = SensorSample(Sample{}).index();
 
 const DeviceHealth* sourceNamed(const PrediveFacts& facts, std::string_view name) {
   for (const DeviceHealth& source : facts.sources)
     if (source.name == name) return &source;
   return nullptr;
-}
-
-std::uint64_t counterOf(const DeviceHealth* health, std::string_view name) {
-  return health == nullptr ? 0 : counterOf(*health, name);
 }
 
 double metresFromOrigin(const MissionConfig& mission, double latitude, double longitude) {
@@ -82,7 +64,8 @@ bool slow(const SampleFacts& facts, double wanted_hz) {
 void checkDvl(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
   const SampleFacts& dvl = facts.samples[kKind<DvlSample>];
   const DeviceHealth* source = sourceNamed(facts, "dvl");
-  const std::uint64_t ensembles = counterOf(source, "ensembles"), bad = counterOf(source, "bad_checksum");
+  const auto counter = [&](std::string_view name) { return source == nullptr ? 0 : source->counter(name); };
+  const std::uint64_t ensembles = counter("ensembles"), bad = counter("bad_checksum");
   const auto refuse = [&](const std::string& found, const std::string& fix) {
     report.bad("DVL", found, fix);
   };
@@ -94,10 +77,10 @@ void checkDvl(const PrediveFacts& facts, const PrediveConfig& limits, PrediveRep
       return refuse(
           "its line is not there" + (source->reason.empty() ? "" : ": " + std::string(source->reason.view())),
           "look at the cable and at dvl.device; end programs that use the line");
-    if (counterOf(source, "bytes") == 0)
+    if (counter("bytes") == 0)
       return refuse("silent", "look at its power and cable; it must ping by itself (CS)");
     if (ensembles == 0)
-      return refuse(std::to_string(counterOf(source, "bytes")) + " bytes, but no ensemble",
+      return refuse(std::to_string(counter("bytes")) + " bytes, but no ensemble",
                     "look at the baud rate of dvl.device and at dvl.format");
     return refuse(plural(ensembles, "ensemble") + " without bottom track", "switch bottom track on (BP1)");
   }
@@ -110,54 +93,47 @@ void checkDvl(const PrediveFacts& facts, const PrediveConfig& limits, PrediveRep
                  " %");
   if (static_cast<double>(bad) > kDamagedShare * static_cast<double>(ensembles + bad))
     return refuse(found + ", " + plural(bad, "damaged ensemble"), "look at cable, ground and baud rate");
-  if (slow(dvl, limits.dvl_hz)) return refuse(found, "look at its ping rate (TP, TE), or set predive.dvl_hz");
-  report.good("DVL", found);
+  report.judge("DVL", found,
+               {{slow(dvl, limits.dvl_hz), "look at its ping rate (TP, TE), or set predive.dvl_hz"}});
+}
+
+// False, and reported, where a sensor that must be there gives nothing. `word`: of lcm.accept.
+bool givesSamples(const PrediveFacts& facts, std::size_t kind, const std::string& name,
+                  const std::string& word, PrediveReport& report) {
+  if (!facts.expected[kind])
+    report.bad(name, "none is configured",
+               "set can.interface, or add " + word + " to lcm.accept, in onboard.toml");
+  else if (facts.samples[kind].count == 0)
+    report.bad(name, "silent",
+               "look at its power, at the bus (candump, lcm-spy) and at the program that publishes it");
+  return facts.expected[kind] && facts.samples[kind].count > 0;
 }
 
 void checkCompass(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
+  if (!givesSamples(facts, kKind<AttitudeSample>, "compass", "attitude", report)) return;
   const SampleFacts& samples = facts.samples[kKind<AttitudeSample>];
-  if (!facts.expected[kKind<AttitudeSample>])
-    return report.bad("compass", "none is configured",
-                      "set can.interface, or add attitude to lcm.accept, in onboard.toml");
-  if (samples.count == 0)
-    return report.bad(
-        "compass", "silent",
-        "look at its power, at the bus (candump, lcm-spy) and at the program that publishes it");
   const auto& attitude = std::get<AttitudeSample>(samples.last);
   const std::string found = rateText(samples, limits.compass_hz) + "; heading " +
                             decimals(attitude.heading / kRadiansPerDegree, 1) + ", roll " +
                             decimals(attitude.roll / kRadiansPerDegree, 1) + ", pitch " +
                             decimals(attitude.pitch / kRadiansPerDegree, 1) + " deg";
-  if (slow(samples, limits.compass_hz))
-    report.bad("compass", found, "raise its rate, or set predive.compass_hz");
-  else if (std::max(std::abs(attitude.roll), std::abs(attitude.pitch)) >
-           limits.deck_tilt_deg * kRadiansPerDegree)
-    report.bad("compass", found,
-               "no vehicle on deck has this attitude: look at how the compass is mounted, at its units and "
-               "predive.deck_tilt_deg");
-  else
-    report.good("compass", found);
+  report.judge("compass", found,
+               {{slow(samples, limits.compass_hz), "raise its rate, or set predive.compass_hz"},
+                {std::max(std::abs(attitude.roll), std::abs(attitude.pitch)) >
+                     limits.deck_tilt_deg * kRadiansPerDegree,
+                 "no vehicle on deck has this attitude: look at how the compass is mounted, at its units and "
+                 "predive.deck_tilt_deg"}});
 }
 
 void checkDepth(const PrediveFacts& facts, const PrediveConfig& limits, PrediveReport& report) {
+  if (!givesSamples(facts, kKind<DepthSample>, "depth", "depth", report)) return;
   const SampleFacts& samples = facts.samples[kKind<DepthSample>];
-  if (!facts.expected[kKind<DepthSample>])
-    return report.bad("depth", "none is configured",
-                      "set can.interface, or add depth to lcm.accept, in onboard.toml");
-  if (samples.count == 0)
-    return report.bad(
-        "depth", "silent",
-        "look at its power, at the bus (candump, lcm-spy) and at the program that publishes it");
   const double depth = std::get<DepthSample>(samples.last).depth;
-  const std::string found = rateText(samples, limits.depth_hz) + "; " + decimals(depth, 2) + " m";
-  if (slow(samples, limits.depth_hz))
-    report.bad("depth", found, "raise its rate, or set predive.depth_hz");
-  else if (std::abs(depth) > limits.deck_depth_m)
-    report.bad(
-        "depth", found,
-        "the vehicle is on deck: zero the pressure sensor, look at its units and predive.deck_depth_m");
-  else
-    report.good("depth", found);
+  report.judge(
+      "depth", rateText(samples, limits.depth_hz) + "; " + decimals(depth, 2) + " m",
+      {{slow(samples, limits.depth_hz), "raise its rate, or set predive.depth_hz"},
+       {std::abs(depth) > limits.deck_depth_m,
+        "the vehicle is on deck: zero the pressure sensor, look at its units and predive.deck_depth_m"}});
 }
 
 void checkPositions(const PrediveFacts& facts, const MissionConfig& mission, const PrediveConfig& limits,
@@ -168,11 +144,9 @@ void checkPositions(const PrediveFacts& facts, const MissionConfig& mission, con
     const std::string found =
         decimals(latitude / kRadiansPerDegree, 5) + ", " + decimals(longitude / kRadiansPerDegree, 5) +
         " deg, sigma " + decimals(sigma, 1) + " m, " + decimals(distance_m / 1e3, 1) + " km from the origin";
-    if (distance_m <= 1e3 * limits.origin_km)
-      report.good(name, found);
-    else
-      report.bad(name, found,
-                 "correct origin_latitude and origin_longitude of mission.toml, or the ship's position");
+    report.judge(name, found,
+                 {{!(distance_m <= 1e3 * limits.origin_km),
+                   "correct origin_latitude and origin_longitude of mission.toml, or the ship's position"}});
   };
   if (gps.count > 0) {
     const auto& fix = std::get<GpsFix>(gps.last);
@@ -208,10 +182,7 @@ void checkBattery(const PrediveFacts& facts, const PrediveConfig& limits, Prediv
   const std::string found =
       (battery.voltage ? decimals(*battery.voltage, 1) + " V" : std::string("voltage not reported")) +
       (battery.charge ? ", " + decimals(100 * *battery.charge, 0) + " % left" : "");
-  if (battery.charge && *battery.charge < limits.least_charge)
-    report.bad("battery", found, "charge it");
-  else
-    report.good("battery", found);
+  report.judge("battery", found, {{battery.charge && *battery.charge < limits.least_charge, "charge it"}});
 }
 
 void checkModem(const ModemFacts& modem, PrediveReport& report) {
@@ -220,14 +191,12 @@ void checkModem(const ModemFacts& modem, PrediveReport& report) {
     return report.bad("modem", modem.failure, "correct modem.device in onboard.toml, or the cable");
   const std::string found = plural(modem.frames, "frame") + " received, " + std::to_string(modem.ours) +
                             " for this vehicle, " + std::to_string(modem.broken) + " broken";
-  if (modem.frames == 0)
-    report.bad("modem", found,
-               "let fathom-monitor speak on the ship, transducers in one water; look longer: --seconds 60");
-  else if (modem.ours == 0)
-    report.bad("modem", found,
-               "the ship speaks to another vehicle or dive: compare vehicle_id and dive_id of mission.toml");
-  else
-    report.good("modem", found);
+  report.judge(
+      "modem", found,
+      {{modem.frames == 0,
+        "let fathom-monitor speak on the ship, transducers in one water; look longer: --seconds 60"},
+       {modem.ours == 0,
+        "the ship speaks to another vehicle or dive: compare vehicle_id and dive_id of mission.toml"}});
 }
 
 }  // namespace
@@ -253,14 +222,8 @@ void visitPredive(KeyVisitor& keys, PrediveConfig& c) {
 
 void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const PrediveConfig& limits,
                      PrediveReport& report) {
-  const std::array<std::pair<const char*, const SE3*>, 5> places = {
-      {{"T_body_cam", &mission.T_body_cam},
-       {"T_body_dvl", &mission.T_body_dvl},
-       {"T_body_usbl", &mission.T_body_usbl},
-       {"T_body_depth", &mission.T_body_depth},
-       {"T_body_compass", &mission.T_body_compass}}};
   std::string wrong;
-  for (const auto& [name, place] : places) {
+  for (const auto& [name, place] : MissionConfig::posesOf(mission)) {
     const Eigen::Matrix3d R = place->matrix3();
     const double distance = place->translation().norm();
     const bool proper =
@@ -269,21 +232,20 @@ void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const P
       wrong += std::string(wrong.empty() ? "" : ", ") + name +
                (proper ? " " + decimals(distance, 1) + " m from the body's origin" : " is no rotation");
   }
-  if (wrong.empty())
-    report.good("sensor places", "all within " + decimals(limits.vehicle_size_m, 1) + " m, rotations proper");
-  else
-    report.bad("sensor places", wrong,
-               "correct [extrinsics] of mission.toml (metres, radians), or predive.vehicle_size_m");
+  report.judge(
+      "sensor places",
+      wrong.empty() ? "all within " + decimals(limits.vehicle_size_m, 1) + " m, rotations proper" : wrong,
+      {{!wrong.empty(),
+        "correct [extrinsics] of mission.toml (metres, radians), or predive.vehicle_size_m"}});
 
   const double camera = angleToDown(mission.T_body_cam), dvl = angleToDown(mission.T_body_dvl);
   const std::string tilts = "camera " + decimals(camera / kRadiansPerDegree, 1) + " deg, DVL " +
                             decimals(dvl / kRadiansPerDegree, 1) + " deg from straight down";
-  if (camera <= kCameraTilt && dvl <= kDvlTilt)
-    report.good("looking down", tilts);
-  else
-    report.bad("looking down", tilts,
-               std::string("correct the angles of ") + (camera > kCameraTilt ? "T_body_cam" : "T_body_dvl") +
-                   " in mission.toml: z points out of the lens, body's z is down");
+  report.judge(
+      "looking down", tilts,
+      {{!(camera <= kCameraTilt && dvl <= kDvlTilt),
+        std::string("correct the angles of ") + (camera > kCameraTilt ? "T_body_cam" : "T_body_dvl") +
+            " in mission.toml: z points out of the lens, body's z is down"}});
 
   const Eigen::Vector3d right_in_left = rig.T_right_left.inverse().translation();
   const double vergence = Eigen::AngleAxisd(rig.T_right_left.rotation()).angle();
@@ -291,15 +253,12 @@ void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const P
   const std::string found = "right camera " + decimals(1e3 * right_in_left.x(), 1) +
                             " mm to the right of the left, axes " +
                             decimals(vergence / kRadiansPerDegree, 1) + " deg apart";
-  if (right_in_left.x() <= 0)
-    report.bad("stereo rig", found,
-               "left and right are exchanged in stereo.calib: calibrate with left first");
-  else if (length < kLeastBaseline || length > kLargestBaseline || right_in_left.x() < 0.7 * length ||
-           vergence > kLargestVergence)
-    report.bad("stereo rig", found,
-               "no such rig exists: translations of stereo.calib are in metres; calibrate again");
-  else
-    report.good("stereo rig", found);
+  report.judge(
+      "stereo rig", found,
+      {{right_in_left.x() <= 0, "left and right are exchanged in stereo.calib: calibrate with left first"},
+       {length < kLeastBaseline || length > kLargestBaseline || right_in_left.x() < 0.7 * length ||
+            vergence > kLargestVergence,
+        "no such rig exists: translations of stereo.calib are in metres; calibrate again"}});
 }
 
 void checkClocks(const PrediveFacts& facts, const rt::SystemClockState& system, const PrediveConfig& limits,
@@ -310,37 +269,31 @@ void checkClocks(const PrediveFacts& facts, const rt::SystemClockState& system, 
     const std::string found = std::string(system.synchronised ? "synchronised" : "not synchronised") +
                               (system.pps ? " by a pulse a second" : "") + ", error at most " +
                               decimals(system.error_s * 1e3, 1) + " ms";
-    if (system.synchronised && system.error_s <= limits.clock_error_s)
-      report.good("system clock", found);
-    else if (!limits.system_clock)
+    const bool bad = !(system.synchronised && system.error_s <= limits.clock_error_s);
+    if (bad && !limits.system_clock)
       report.unused("system clock", found);
     else
-      report.bad("system clock", found,
-                 "start chrony (or ptp4l) with a source on deck and wait: chronyc waitsync");
+      report.judge("system clock", found,
+                   {{bad, "start chrony (or ptp4l) with a source on deck and wait: chronyc waitsync"}});
   }
   for (std::size_t side = 0; side < facts.cameras.size(); ++side) {
     const CameraFacts& camera = facts.cameras[side];
     if (!camera.used || camera.frames.size() < 2) continue;
     const std::string name = side == 0 ? "clock of left camera" : "clock of right camera";
-    const std::uint64_t resets = counterOf(camera.health, "clock_resets");
+    const std::uint64_t resets = camera.health.counter("clock_resets");
     const std::string found =
         "drifts " + decimals(driftOf(camera.frames) * 1e6, 0) + " ppm, " + plural(resets, "leap");
-    if (resets == 0)
-      report.good(name, found);
-    else
-      report.bad(name, found,
-                 "the camera started again or PTP moved its clock: look at its power and at ptp4l");
+    report.judge(
+        name, found,
+        {{resets != 0, "the camera started again or PTP moved its clock: look at its power and at ptp4l"}});
   }
-  for (const DeviceHealth& source : facts.sources) {
-    if (source.name != "dvl" || source.samples == 0) continue;
-    const std::uint64_t leaps = counterOf(source, "clock_leaps"), late = counterOf(source, "late");
-    const std::string found = decimals(static_cast<double>(counterOf(source, "clock_offset_ms")) / 1e3, 2) +
+  if (const DeviceHealth* dvl = sourceNamed(facts, "dvl"); dvl != nullptr && dvl->samples > 0) {
+    const std::uint64_t leaps = dvl->counter("clock_leaps"), late = dvl->counter("late");
+    const std::string found = decimals(static_cast<double>(dvl->counter("clock_offset_ms")) / 1e3, 2) +
                               " s from the vehicle's, followed; " + plural(leaps, "leap") + ", " +
                               std::to_string(late) + " late";
-    if (leaps == 0)
-      report.good("clock of DVL", found);
-    else
-      report.bad("clock of DVL", found, "set the DVL's clock (TS) once, or dvl.clock = \"arrival\"");
+    report.judge("clock of DVL", found,
+                 {{leaps != 0, "set the DVL's clock (TS) once, or dvl.clock = \"arrival\""}});
   }
 }
 
@@ -353,10 +306,9 @@ void checkDisk(const RecorderConfig& recorder, const MissionConfig& mission, con
                             decimals(recorder.planned_hours, 1) + " h";
   if (free_bytes == 0)
     report.bad("disk", "unknown to the system", "look whether the mission folder's disk is mounted");
-  else if (free >= planned)
-    report.good("disk", found);
   else
-    report.bad("disk", found, "make room, or set recorder.planned_hours to what the dive takes");
+    report.judge("disk", found,
+                 {{!(free >= planned), "make room, or set recorder.planned_hours to what the dive takes"}});
 }
 
 void checkArming(const rt::ArmingResult& arming, PrediveReport& report) {

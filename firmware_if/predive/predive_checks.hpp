@@ -1,8 +1,13 @@
 #pragma once
 
+#include <cstdint>
+#include <initializer_list>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "firmware_if/devices/camera/camera_config.hpp"
 #include "firmware_if/mission/mission.hpp"
-#include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
 #include "realtime/base/config_keys.hpp"
@@ -12,11 +17,52 @@
 
 namespace fathom::io {
 
+// "1 frame", "2 frames".
+inline std::string plural(std::uint64_t count, const std::string& thing) {
+  return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
+}
+
+enum class PrediveVerdict { kGood, kBad, kUnused };
+
+// One line of the table: what was checked, what was found and, for a red one, what to do about it.
+struct PrediveRow {
+  std::string name;
+  PrediveVerdict verdict = PrediveVerdict::kGood;
+  std::string found;
+  std::string fix;  // of a red row
+};
+
+struct PrediveReport {
+  std::vector<PrediveRow> rows;
+  [[nodiscard]] bool allGood() const;
+  void good(std::string name, std::string found) {
+    rows.push_back({std::move(name), PrediveVerdict::kGood, std::move(found), ""});
+  }
+  void bad(std::string name, std::string found, std::string fix) {
+    rows.push_back({std::move(name), PrediveVerdict::kBad, std::move(found), std::move(fix)});
+  }
+  // The fix of the first fault that is there; good without one.
+  void judge(const std::string& name, const std::string& found,
+             std::initializer_list<std::pair<bool, std::string>> faults) {
+    for (const auto& [there, fix] : faults)
+      if (there) return bad(name, found, fix);
+    good(name, found);
+  }
+  void unused(std::string name, std::string found) {
+    rows.push_back({std::move(name), PrediveVerdict::kUnused, std::move(found), ""});
+  }
+};
+
+// A line a row, a second one with the fix below a red row, a summary; with colours for a terminal.
+[[nodiscard]] std::string reportTable(const PrediveReport& report, bool colours);
+// {"good": false, "rows": [{"name", "verdict": "good"|"bad"|"unused", "found", "fix"}]}
+[[nodiscard]] std::string reportJson(const PrediveReport& report);
+
 // Table `[predive]` of onboard.toml: limits of a good state before the launch.
 struct PrediveConfig {
   // Least rates [Hz]; a device passes with 80 % of them.
   double dvl_hz = 2, compass_hz = 5, depth_hz = 1;
-  double edge_px = 5;             // widest that the sharpest edges of an image may be (image_quality.hpp)
+  double edge_px = 5;             // widest that the sharpest edges of an image may be (predive_watch.hpp)
   double saturated_share = 0.05;  // most of an image's pixels that may be saturated
   double mean_min = 0.03, mean_max = 0.8;  // of an image, of full scale
   double pair_offset_s = 0.01;  // largest median and largest spread of the time between left and right

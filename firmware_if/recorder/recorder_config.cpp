@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "firmware_if/recorder/image_writer.hpp"
+#include "firmware_if/recorder/image_stage.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::io {

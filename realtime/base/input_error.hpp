@@ -1,8 +1,9 @@
 #pragma once
 
-#include <functional>
 #include <stdexcept>
 #include <string>
+
+#include "realtime/base/text.hpp"
 
 namespace fathom {
 
@@ -13,7 +14,8 @@ class InputError : public std::runtime_error {
   // `file`: path as the user gave it. `place`: line, byte, key or field ("" = the whole file). `fix`: what is
   // wrong and how to correct it. Line ends, control characters and bytes that are not UTF-8 become '?', so
   // that the message is one line that no terminal interprets.
-  InputError(const std::string& file, const std::string& place, const std::string& fix);
+  InputError(const std::string& file, const std::string& place, const std::string& fix)
+      : std::runtime_error(printableText(file + ": " + (place.empty() ? "" : place + ": ") + fix)) {}
 };
 
 enum ExitCode : int {
@@ -21,9 +23,5 @@ enum ExitCode : int {
   kExitFailedWork = 1,  // the input was good, the work could not be done (disk full, device lost)
   kExitBadInput = 2,    // bad usage or bad input
 };
-
-// Runs the body of a program's main: an InputError prints one line on stderr and gives exit code 2,
-// any other exception one line and exit code 1.
-int runTool(const char* program, const std::function<int()>& body) noexcept;
 
 }  // namespace fathom

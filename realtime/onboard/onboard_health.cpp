@@ -1,6 +1,8 @@
 #include <algorithm>
 
+#include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/onboard/onboard_system.hpp"
+#include "recon/geometry/state_values.hpp"
 
 namespace fathom::onboard {
 
@@ -203,6 +205,41 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   addLink(link_.counters(), row);
   addDownlink(row);
   return row;
+}
+
+// Saved state of the system as a whole; the cores' own is theirs.
+template <typename Archive, typename Self>
+void OnboardSystem::exchange(Archive& archive, Self& self) {
+  for (auto& name : self.image_names_) archive(name.frame, name.text, name.exposure_s);
+  archive(self.last_pose_, self.distance_, self.program_health_, self.skipped_cycles_, self.shed_pairs_,
+          self.pairs_at_level_, self.unreadable_images_, self.fixes_without_odometry_);
+  archive(self.early_fixes_, self.odometry_began_);
+  archive.instants(self.last_pair_ns_, self.last_tick_ns_, self.odometry_began_ns_);
+  archive(self.last_points_, self.survey_over_, self.reported_progress_, self.waiting_,
+          self.last_correction_);
+  bool battery = self.battery_.has_value();
+  archive(battery);
+  if constexpr (Archive::kLoading) {
+    self.battery_.reset();
+    if (battery) self.battery_.emplace();
+  }
+  if (!self.battery_) return;
+  archive.instants(self.battery_->utc_ns);
+  archive(self.battery_->voltage, self.battery_->current, self.battery_->charge);
+}
+
+void OnboardSystem::save(rt::StateWriter& writer) const {
+  // Navigation first and by itself: the hard tier begins with it.
+  writer(nav_);
+  writer(map_, link_, downlink_);
+  writer.section(rt::stateTag("PROG"), 1, [&] { writer(progress_); });
+  writer.section(rt::stateTag("ONBD"), 4, [&] { exchange(writer, *this); });
+}
+
+bool OnboardSystem::load(rt::StateReader& reader) {
+  return reader(nav_) && reader(map_, link_, downlink_) &&
+         reader.section(rt::stateTag("PROG"), 1, [&] { reader(progress_); }) &&
+         reader.section(rt::stateTag("ONBD"), 4, [&] { exchange(reader, *this); });
 }
 
 }  // namespace fathom::onboard

@@ -14,7 +14,7 @@
 
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/ply_writer.hpp"
+#include "recon/geometry/ply.hpp"
 #include "recon/geometry/state_values.hpp"
 #include "telemetry/wire/packet_log.hpp"
 

@@ -14,7 +14,6 @@
 #include "realtime/base/files/output_folder.hpp"
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/output/growing_file.hpp"
-#include "realtime/onboard/output/row_stream.hpp"
 
 namespace fathom::onboard {
 

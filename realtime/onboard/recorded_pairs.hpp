@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/mission/images/mission_images.hpp"
+#include "firmware_if/mission/images/image_file.hpp"
 #include "realtime/onboard/onboard_system.hpp"
 
 namespace fathom::onboard {

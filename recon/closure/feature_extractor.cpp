@@ -10,8 +10,6 @@
 #include <string>
 #include <tuple>
 
-#include "recon/geometry/image_view.hpp"
-
 namespace fathom::closure {
 namespace {
 

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <random>
 
-#include "recon/geometry/symmetric_eigen.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::closure {

@@ -11,8 +11,8 @@
 #include <string_view>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_reader.hpp"
-#include "recon/geometry/triangles.hpp"
+#include "recon/geometry/mesh.hpp"
+#include "recon/geometry/ply.hpp"
 
 namespace fathom::compare {
 namespace {

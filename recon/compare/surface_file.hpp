@@ -5,7 +5,7 @@
 #include <memory>
 #include <string>
 
-#include "recon/compare/height_map.hpp"
+#include "recon/compare/plane_frame.hpp"
 
 namespace fathom::compare {
 

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <string>
 
-#include "recon/compare/height_map.hpp"
+#include "recon/compare/plane_frame.hpp"
 
 namespace fathom::compare {
 

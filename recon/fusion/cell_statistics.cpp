@@ -1,7 +1,6 @@
 #include "recon/fusion/cell_statistics.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <stdexcept>
@@ -54,8 +53,7 @@ Polygon clip(const Polygon& polygon, int axis, double value, bool above) {
   return out;
 }
 
-template <typename T>
-void put(std::vector<std::uint8_t>& bytes, const T& value) {
+void put(std::vector<std::uint8_t>& bytes, const auto& value) {
   const auto* from = reinterpret_cast<const std::uint8_t*>(&value);
   bytes.insert(bytes.end(), from, from + sizeof value);
 }

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <tuple>
 
-#include "recon/fusion/quadtree_sums.hpp"
-
 namespace fathom::fusion {
 namespace {
 
@@ -68,10 +66,6 @@ std::uint64_t placeOf(int level, std::int64_t gi, std::int64_t gj) {
 
 MeshObservations::MeshObservations(const QuadtreeConfig& config) : config_(config) {
   found_.reserve(kMost);
-}
-
-double MeshObservations::spacing(int level) const {
-  return config_.root_size / (1 << level) / kTileCells;
 }
 
 int MeshObservations::levelFor(double point_spacing) const {

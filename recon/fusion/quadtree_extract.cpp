@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "recon/fusion/cell_reading.hpp"
-#include "recon/fusion/quadtree_impl.hpp"
+#include "recon/fusion/quadtree_store.hpp"
 
 namespace fathom::fusion {
 namespace {

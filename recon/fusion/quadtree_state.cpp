@@ -2,11 +2,10 @@
 // free tiles are taken in the same order and the loaded map continues bit by bit as the saved one. Layers are
 // saved tile by tile and cell by cell as packed numbers, since their places in the pool have no meaning and
 // half of their 48 bytes are zeros. The index is rebuilt from the tiles.
-#include <algorithm>
 #include <cmath>
 
 #include "realtime/base/bytes/packed_numbers.hpp"
-#include "recon/fusion/quadtree_impl.hpp"
+#include "recon/fusion/quadtree_store.hpp"
 #include "recon/geometry/state_values.hpp"
 
 namespace fathom::fusion {
@@ -16,8 +15,7 @@ constexpr std::uint32_t kTag = rt::stateTag("QUAD"), kVersion = 2;
 // Far beyond the 100 km up to which meshes are fused, and within the range of the index.
 constexpr std::int32_t kFarthestIndex = 1 << 26;
 
-template <typename Archive, typename Key>
-void exchangeKey(Archive& archive, Key& key) {
+void exchangeKey(auto& archive, auto& key) {
   archive(key.north_index, key.east_index, key.level);
 }
 
@@ -93,8 +91,7 @@ std::uint32_t readNumber(rt::StateReader& reader) {
 
 }  // namespace
 
-template <typename Archive, typename Self>
-void QuadtreeStore::exchangeTile(Archive& archive, Self& t) {
+void QuadtreeStore::exchangeTile(auto& archive, auto& t) {
   archive(t.used, t.next_free);
   if (!t.used) return;
   exchangeKey(archive, t.key);

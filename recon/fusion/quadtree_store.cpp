@@ -1,7 +1,6 @@
 #include "recon/fusion/quadtree_store.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <stdexcept>
 
 #include "recon/fusion/cell_reading.hpp"
@@ -36,6 +35,22 @@ std::size_t indexCapacity(const QuadtreeConfig& c) {
 }
 
 constexpr int kCellCount = QuadtreeStore::kCells * QuadtreeStore::kCells;
+
+// Cell of an observation in an owner `coarser` levels above it.
+int ownerCell(const CellObservation& o, int coarser) {
+  const TileKey key = o.tile();
+  constexpr int kMask = QuadtreeStore::kCells - 1;
+  const std::int64_t gi =
+      (std::int64_t{key.north_index} * QuadtreeStore::kCells + o.cell() / QuadtreeStore::kCells);
+  const std::int64_t gj =
+      (std::int64_t{key.east_index} * QuadtreeStore::kCells + o.cell() % QuadtreeStore::kCells);
+  return static_cast<int>(((gi >> coarser) & kMask) * QuadtreeStore::kCells + ((gj >> coarser) & kMask));
+}
+
+LayerSums sumsOf(const CellObservation& o, int shift) {
+  return LayerSums::of(o.weight, static_cast<std::uint32_t>(o.height - ((o.height >> shift) << shift)),
+                       o.colour);
+}
 
 }  // namespace
 
@@ -134,26 +149,6 @@ void QuadtreeStore::noteChanged(std::int32_t slot, int cell, std::uint32_t now) 
   if (j < kEdgeRows) t.edge[2] = now;
   if (j >= kCells - kEdgeRows) t.edge[3] = now;
 }
-
-namespace {
-
-// Cell of an observation in an owner `coarser` levels above it.
-int ownerCell(const CellObservation& o, int coarser) {
-  const TileKey key = o.tile();
-  constexpr int kMask = QuadtreeStore::kCells - 1;
-  const std::int64_t gi =
-      (std::int64_t{key.north_index} * QuadtreeStore::kCells + o.cell() / QuadtreeStore::kCells);
-  const std::int64_t gj =
-      (std::int64_t{key.east_index} * QuadtreeStore::kCells + o.cell() % QuadtreeStore::kCells);
-  return static_cast<int>(((gi >> coarser) & kMask) * QuadtreeStore::kCells + ((gj >> coarser) & kMask));
-}
-
-LayerSums sumsOf(const CellObservation& o, int shift) {
-  return LayerSums::of(o.weight, static_cast<std::uint32_t>(o.height - ((o.height >> shift) << shift)),
-                       o.colour);
-}
-
-}  // namespace
 
 bool QuadtreeStore::addOne(const CellObservation& o, const Owner& owner, std::uint32_t now) {
   const int level = tile(owner.slot).key.level, shift = binShiftOf(level);

@@ -10,7 +10,6 @@
 #include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "recon/fusion/mesh_observations.hpp"
 #include "recon/fusion/quadtree_map.hpp"
-#include "recon/fusion/quadtree_sums.hpp"
 #include "recon/fusion/tile_index.hpp"
 #include "recon/geometry/height_tile.hpp"
 
@@ -88,8 +87,7 @@ class QuadtreeStore {
   [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
-  template <typename Archive, typename Self>
-  static void exchangeTile(Archive& archive, Self& tile);
+  static void exchangeTile(auto& archive, auto& tile);
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self);
   void loadLayers(rt::StateReader& reader);
@@ -123,7 +121,7 @@ class QuadtreeStore {
   std::int32_t takeLayer();
   void releaseLayer(std::int32_t k);
   void mergeInto(Heads& heads, int cell, std::int32_t layer, int child_shift, int parent_shift);
-  // These are in quadtree_value.cpp.
+  // These are in cell_reading.cpp.
 
   // Whether a tile, a layer and index entries for a path are free.
   [[nodiscard]] bool hasRoom() const;
@@ -149,6 +147,30 @@ class QuadtreeStore {
   Eigen::Vector2d vehicle_ = Eigen::Vector2d::Constant(std::nan(""));
   Counters counters_;
   std::uint64_t shape_changes_ = 0;  // of the set of squares
+};
+
+// State of a QuadtreeMap: fuse(), remove() and leaves are in quadtree_map.cpp, tiles in quadtree_extract.cpp.
+struct QuadtreeMap::Impl {
+  struct Leaf {
+    std::uint64_t key = 0;  // packed
+    std::uint32_t revision = 0;
+  };
+
+  explicit Impl(const QuadtreeConfig& config) : store(config), seen(config) {
+    // Each square in the index has four children at most.
+    leaves.reserve(4 * store.index().capacity());
+  }
+
+  void findLeaves(int finest);
+  void leavesBelow(const TileKey& key, bool shows_through, int finest);
+  // Number of the last change that can have changed a tile.
+  [[nodiscard]] std::uint32_t revisionOf(const TileKey& key) const;
+
+  QuadtreeStore store;
+  MeshObservations seen;
+  std::vector<Leaf> leaves;  // see forEachLeaf()
+  std::uint32_t now = 0;     // number of the running fuse() or remove()
+  std::uint64_t observations = 0, removed = 0, refused = 0, skipped_triangles = 0;
 };
 
 }  // namespace fathom::fusion

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "recon/geometry/tile_grid.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 
 namespace fathom::fusion {
 

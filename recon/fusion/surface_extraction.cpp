@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "recon/fusion/marching_cubes.hpp"
-#include "recon/geometry/tile_grid.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -101,8 +101,7 @@ class Extraction {
   }
 
   // Nine bits of the row at (x, y), both up to 8, of a block's own and its neighbours' rows.
-  template <typename Rows>
-  unsigned row(const BlockCells& cells, Rows rows, int x, int y) const {
+  unsigned row(const BlockCells& cells, auto rows, int x, int y) const {
     const auto at = static_cast<std::size_t>((x >> 3) | (y >> 3) << 1);
     const auto local = static_cast<std::size_t>((x & 7) * kBlockEdge + (y & 7));
     const std::uint32_t here = cells.after[at], above = cells.after[at + 4];

@@ -80,8 +80,7 @@ class TileIndex {
   [[nodiscard]] std::size_t room() const { return capacity_ - used_; }
   [[nodiscard]] std::size_t capacity() const { return capacity_; }
   // Calls visit(key, value) for every entry, in no particular order.
-  template <typename Visit>
-  void forEach(Visit&& visit) const {
+  void forEach(auto&& visit) const {
     for (const Entry& e : table_)
       if (e.value != kAbsent) visit(unpack(e.key), e.value);
   }

@@ -10,7 +10,6 @@
 #include "realtime/base/numbers/union_find.hpp"
 #include "recon/fusion/kernels/fusion_kernels.hpp"
 #include "recon/fusion/range_mesh.hpp"
-#include "recon/fusion/sight_map.hpp"
 #include "recon/fusion/surface_extraction.hpp"
 #include "recon/fusion/voxel_grid.hpp"
 

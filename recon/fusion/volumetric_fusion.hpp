@@ -2,13 +2,11 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
-#include "recon/geometry/tile_grid.hpp"
 #include "recon/geometry/tile_mesh.hpp"
 
 namespace fathom::fusion {

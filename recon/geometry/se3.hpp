@@ -39,8 +39,7 @@ class SE3 {
   [[nodiscard]] Eigen::Matrix3d matrix3() const { return rotation_.toRotationMatrix(); }
 
   // For saved state (state_values.hpp), bit by bit.
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.rotation_, self.translation_);
     archive.require(isNear1(self.rotation_.squaredNorm()), "a rotation is none");
   }

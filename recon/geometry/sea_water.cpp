@@ -1,7 +1,6 @@
 #include "recon/geometry/sea_water.hpp"
 
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <numbers>
 

@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <cstddef>
 
 #include "realtime/base/bytes/state_archive.hpp"
 
@@ -10,24 +9,18 @@
 // In Eigen's namespace, for argument-dependent lookup.
 namespace Eigen {
 
-template <typename Archive, typename Scalar, int Rows, int Columns, int Options>
-requires(Rows != Dynamic &&
-         Columns != Dynamic) void exchangeState(Archive& archive,
-                                                const Matrix<Scalar, Rows, Columns, Options>& value) {
-  archive.bytes(value.data(), sizeof(Scalar) * Rows * Columns);
+template <typename T>
+concept MatrixOfFixedSize = T::SizeAtCompileTime >
+0;
+template <typename T>
+concept QuaternionOfNumbers = requires(T& value) {
+  value.coeffs();
+};
+
+void exchangeState(auto& archive, MatrixOfFixedSize auto& value) {
+  archive.bytes(value.data(), sizeof(*value.data()) * static_cast<std::size_t>(value.size()));
 }
-template <typename Archive, typename Scalar, int Rows, int Columns, int Options>
-requires(Rows != Dynamic &&
-         Columns != Dynamic) void exchangeState(Archive& archive,
-                                                Matrix<Scalar, Rows, Columns, Options>& value) {
-  archive.bytes(value.data(), sizeof(Scalar) * Rows * Columns);
-}
-template <typename Archive, typename Scalar>
-void exchangeState(Archive& archive, const Quaternion<Scalar>& value) {
-  archive(value.coeffs());
-}
-template <typename Archive, typename Scalar>
-void exchangeState(Archive& archive, Quaternion<Scalar>& value) {
+void exchangeState(auto& archive, QuaternionOfNumbers auto& value) {
   archive(value.coeffs());
 }
 

@@ -7,8 +7,6 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/files/input_file.hpp"
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/flat_port.hpp"
-#include "recon/geometry/se3.hpp"
 
 namespace fathom {
 namespace {

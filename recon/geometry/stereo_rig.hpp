@@ -23,10 +23,7 @@ struct StereoRig {
 struct RigMatch {
   Eigen::Vector2d left, right;
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.left, self.right);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.left, self.right); }
 };
 
 // Reads an ACFR stereo.calib (55, 57 or 100 numbers; see "stereo.calib" of the mission folder). Throws

@@ -47,8 +47,7 @@ double relativeVariance(const Moments& m) {
 }
 
 // Values at bins of no evidence from the nearest ones that have some: interpolated between, constant outside.
-template <typename Has, typename Value>
-void bridge(Has has, Value value) {
+void bridge(auto has, auto value) {
   int last = -1;
   for (int b = 0; b < RangeBins::kKnown; ++b) {
     if (!has(b)) continue;
@@ -86,10 +85,6 @@ std::size_t ChannelModel::memoryBytes() const {
   return statistics_.memoryBytes() + plain_.capacity() * sizeof(Level) + range_.capacity() * sizeof(Level) +
          cells_.capacity() * sizeof(Cell) + (pattern_.capacity() + evidence_.capacity()) * sizeof(float) +
          5 * value_.capacity() * sizeof(double);
-}
-
-ChannelModel::Cell& ChannelModel::cell(std::size_t node, int bin) {
-  return cells_[index(bin) * plain_.size() + node];
 }
 
 Level ChannelModel::atRange(std::size_t node, float position) const {

@@ -14,10 +14,7 @@ namespace fathom::lighting {
 struct Level {
   float log_mean = 0, log_spread = 0;
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.log_mean, self.log_spread);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.log_mean, self.log_spread); }
 };
 
 // How one channel's light falls off with range r [m]: log mean = log_at_1m + power log r - per_metre r.
@@ -26,10 +23,7 @@ struct RangeLaw {
   [[nodiscard]] double at(double range) const;
   [[nodiscard]] double slope(double range) const { return power - per_metre * range; }  // d / d log r
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.log_at_1m, self.power, self.per_metre);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.log_at_1m, self.power, self.per_metre); }
 };
 
 // One channel's three models, fitted to its statistics (n: node, r: range):
@@ -62,8 +56,7 @@ class ChannelModel {
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // For saved state (state_archive.hpp), bit by bit; every solve() computes the rest.
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_, self.contrast_);
     archive.fixed(self.plain_);
     archive.fixed(self.range_);
@@ -76,7 +69,7 @@ class ChannelModel {
     float log_mean = 0, variance = 0;  // relative to the mean, squared
     float x = 0, x_variance = 0;       // logarithm of the range, less the bin's middle
   };
-  [[nodiscard]] Cell& cell(std::size_t node, int bin);
+  [[nodiscard]] Cell& cell(std::size_t node, int bin) { return cells_[index(bin) * plain_.size() + node]; }
   // Takes a node's moments into its cells; returns those of all ranges together.
   Moments gather(std::size_t node);
   void fitPlain(int images, int radius);

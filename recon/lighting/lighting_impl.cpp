@@ -1,6 +1,3 @@
-#include <algorithm>
-#include <cmath>
-
 #include "recon/lighting/lighting_impl.hpp"
 
 namespace fathom::lighting {

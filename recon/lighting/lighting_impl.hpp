@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -10,9 +9,8 @@
 
 #include "recon/lighting/channel_model.hpp"
 #include "recon/lighting/colour_light.hpp"
-#include "recon/lighting/correct_rows.hpp"
 #include "recon/lighting/lighting_model.hpp"
-#include "recon/lighting/node_lattice.hpp"
+#include "recon/lighting/node_statistics.hpp"
 
 namespace fathom::lighting {
 
@@ -121,8 +119,7 @@ struct LightingModel::Impl {
   template <Encoding kEncoding>
   void correct(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
                std::uint8_t* out) const;
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self);
+  static void exchange(auto& archive, auto& self);
 };
 
 }  // namespace fathom::lighting

@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <cstring>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "realtime/base/bytes/state_archive.hpp"
 #include "recon/lighting/lighting_impl.hpp"
@@ -284,8 +282,7 @@ LightingModel::Report LightingModel::report() const {
   return report;
 }
 
-template <typename Archive, typename Self>
-void LightingModel::Impl::exchange(Archive& archive, Self& self) {
+void LightingModel::Impl::exchange(auto& archive, auto& self) {
   archive(self.images, self.solved_images, self.held, self.exposure, self.ignored, self.samples, self.choice,
           *self.colour);
   for (auto& channel : self.channels) archive(channel);

@@ -1,9 +1,6 @@
 #include "recon/lighting/node_statistics.hpp"
 
-#include <algorithm>
 #include <cmath>
-
-#include "recon/geometry/image_view.hpp"
 
 namespace fathom::lighting {
 namespace {
@@ -15,8 +12,7 @@ constexpr double kClassesPerOctave = 4;
 constexpr float kQuantile = 0.16F;  // and 1 - it: one standard deviation off a normal's median
 
 // Where a cumulative share of a histogram is reached, in classes; interpolated within the class.
-template <typename Histogram>
-double quantile(const Histogram& histogram, double total, double share) {
+double quantile(const auto& histogram, double total, double share) {
   double below = 0;
   for (std::size_t k = 0; k < histogram.size(); ++k) {
     const double here = histogram[k];

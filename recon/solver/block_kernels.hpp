@@ -1,10 +1,16 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 #include "realtime/base/numbers/instruction_sets.hpp"
 
 namespace fathom::slam {
+
+// Poses, measurements and blocks are counted by signed numbers: -1 is none.
+[[nodiscard]] constexpr std::size_t at(std::int64_t index) {
+  return static_cast<std::size_t>(index);
+}
 
 inline constexpr int kBlockSize = 6;  // unknowns of a pose
 

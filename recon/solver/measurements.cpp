@@ -4,12 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
-#include <vector>
 
-#include "recon/geometry/se3.hpp"
 #include "recon/geometry/state_values.hpp"
-#include "recon/geometry/symmetric_eigen.hpp"
-#include "recon/solver/matrix_state.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -22,8 +19,7 @@ Matrix6d rootOf(const Matrix6d& information) {
   return eigen.values.cwiseMax(0).cwiseSqrt().asDiagonal() * eigen.vectors.transpose();
 }
 
-template <typename Archive, typename Self>
-void exchangeMeasurement(Archive& archive, Self& m) {
+void exchangeMeasurement(auto& archive, auto& m) {
   archive(m.in_use);
   if (!m.in_use) return;
   archive(m.from, m.to, m.T_from_to, m.weight, m.lever, m.composed, m.born);

@@ -3,11 +3,28 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/geometry/image_view.hpp"
 
 namespace fathom::stereo {
 namespace {
+
+constexpr double kSigmas = 3.0;         // width of a gate
+constexpr int kAgreeing = 2;            // neighbours that confirm a point
+constexpr double kAgreeingSlope = 1.0;  // tangent of the steepest slope to a confirming neighbour: 45 degrees
+constexpr int kTriangleLinks = 6;       // entries in the lists of neighbours for each triangle
+
+// Fish. Sloping flanks of boulders stay joined; a fish 0.3 m above the floor does not join it across the
+// usual 5 to 10 cm between corners.
+constexpr double kFishSlope = 2.0;             // tangent
+constexpr double kFishGap = 0.15;              // least step down [m]
+constexpr double kFishGapPerWidth = 1.0;       // least step down, of the group's width
+constexpr double kShallowShare = 0.1;          // of the leaving edges may step down less
+constexpr std::uint32_t kMinFishPoints = 3;    // fewer have no shape
+constexpr std::uint32_t kFishPartOfFrame = 4;  // a fish has no more than one in so many points
+constexpr double kEdgePerSigma = 4.0;          // full width of an ellipse, evenly filled, over its sigma
 
 bool isSurface(const SparseStereoConfig& limits, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                const Eigen::Vector3d& c) {
@@ -27,6 +44,155 @@ bool spansHidden(const ImageMask& mask, const Eigen::Vector2f& a, const Eigen::V
 }
 
 }  // namespace
+
+DepthConsistency::DepthConsistency(std::size_t max_points) {
+  nodes_.reserve(max_points);
+  first_.reserve(max_points + 1);
+  last_.reserve(max_points);
+  neighbours_.reserve(2 * kTriangleLinks * max_points);
+  values_.reserve(max_points);
+  joined_.reserve(max_points);
+  group_.reserve(max_points);
+  groups_.reserve(max_points);
+}
+
+void DepthConsistency::check(const DepthConsistencyConfig& config, std::span<const StereoPoint> points,
+                             std::span<const std::array<std::uint32_t, 3>> triangles,
+                             std::vector<Verdict>& verdicts) {
+  verdicts.assign(points.size(), Verdict::kKeep);
+  nodes_.clear();
+  for (const StereoPoint& p : points) {
+    const Eigen::Vector3d position = p.point.cast<double>();
+    const double range = position.norm(), sigma = static_cast<double>(p.sigma_z) * range / position.z();
+    nodes_.push_back({position, position / range, range, 1.0 / position.z(), sigma * sigma, false});
+  }
+  linkNeighbours(triangles);
+  dropMismatches(verdicts);
+  if (config.max_fish_length > 0) dropFish(config, verdicts);
+  dropPatches(config, verdicts);
+}
+
+void DepthConsistency::linkNeighbours(std::span<const std::array<std::uint32_t, 3>> triangles) {
+  const std::size_t n = nodes_.size();
+  first_.assign(n + 1, 0);
+  for (const auto& t : triangles)
+    for (const std::uint32_t v : t) first_[v + 1] += kTriangleLinks / 3;
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+  last_.assign(first_.begin(), first_.end() - 1);
+  neighbours_.resize(triangles.size() * kTriangleLinks);
+  for (const auto& t : triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      neighbours_[last_[t[i]]++] = t[(i + 1) % 3];
+      neighbours_[last_[t[i]]++] = t[(i + 2) % 3];
+    }
+  }
+  // Each neighbour occurs twice, once for each triangle at the edge to it; on the outline once.
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto begin = neighbours_.begin() + first_[i], end = neighbours_.begin() + last_[i];
+    std::sort(begin, end);
+    const auto unique_end = std::unique(begin, end);
+    nodes_[i].outline = 2 * (unique_end - begin) != end - begin || begin == end;
+    last_[i] = static_cast<std::uint32_t>(unique_end - neighbours_.begin());
+  }
+}
+
+// Whether an edge between two points can be on a surface up to the slope of this tangent.
+bool DepthConsistency::onSurface(const Node& a, const Node& b, double tangent) const {
+  const Eigen::Vector3d edge = b.position - a.position;
+  const double along = 0.5 * std::abs(edge.dot(a.sight + b.sight));
+  const double across = std::sqrt(std::max(edge.squaredNorm() - along * along, 0.0));
+  return along - kSigmas * std::sqrt(a.variance + b.variance) <= tangent * across;
+}
+
+void DepthConsistency::dropMismatches(std::vector<Verdict>& verdicts) {
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const Node& own = nodes_[i];
+    values_.clear();
+    int agreeing = 0;
+    double variance = 0;
+    for (const std::uint32_t k : neighbours(i)) {
+      values_.push_back(nodes_[k].inverse_depth);
+      variance += nodes_[k].variance;
+      agreeing += onSurface(own, nodes_[k], kAgreeingSlope) ? 1 : 0;
+    }
+    if (values_.empty() || agreeing >= kAgreeing) continue;
+    const double sigma = std::sqrt(own.variance + variance / static_cast<double>(values_.size())) *
+                         own.inverse_depth * own.inverse_depth;
+    const double middle = median(std::span(values_));
+    if (std::abs(own.inverse_depth - middle) > kSigmas * (sigma + madSigma(std::span(values_), middle)))
+      verdicts[i] = Verdict::kMismatch;
+  }
+}
+
+void DepthConsistency::join(double tangent, const std::vector<Verdict>& verdicts) {
+  joined_.reset(nodes_.size());
+  for (std::uint32_t a = 0; a < nodes_.size(); ++a) {
+    if (verdicts[a] != Verdict::kKeep) continue;
+    for (const std::uint32_t b : neighbours(a)) {
+      if (b < a || verdicts[b] != Verdict::kKeep || !onSurface(nodes_[a], nodes_[b], tangent)) continue;
+      joined_.join(a, b);
+    }
+  }
+  group_.resize(nodes_.size());
+  for (std::uint32_t i = 0; i < nodes_.size(); ++i) group_[i] = joined_.root(i);
+}
+
+void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts) {
+  join(kFishSlope, verdicts);
+  groups_.assign(nodes_.size(), Group{});
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (verdicts[i] != Verdict::kKeep) continue;
+    const Node& node = nodes_[i];
+    Group& g = groups_[group_[i]];
+    const double x = node.position.x() / node.position.z(), y = node.position.y() / node.position.z();
+    ++g.points;
+    g.outline |= node.outline;
+    for (const std::uint32_t k : neighbours(i)) g.outline |= nodes_[k].outline;
+    g.x += x;
+    g.y += y;
+    g.xx += x * x;
+    g.xy += x * y;
+    g.yy += y * y;
+    g.depth += node.position.z();
+  }
+  for (Group& g : groups_) {
+    if (g.outline || g.points < kMinFishPoints || g.points * kFishPartOfFrame > nodes_.size()) continue;
+    const double n = g.points, depth = g.depth / n;
+    const double xx = g.xx / n - g.x * g.x / (n * n), yy = g.yy / n - g.y * g.y / (n * n);
+    const double xy = g.xy / n - g.x * g.y / (n * n);
+    const double middle = 0.5 * (xx + yy), spread = std::hypot(0.5 * (xx - yy), xy);
+    const double length = kEdgePerSigma * depth * std::sqrt(middle + spread);
+    const double width = kEdgePerSigma * depth * std::sqrt(std::max(middle - spread, 0.0));
+    if (length <= config.max_fish_length) g.needed = std::max(kFishGap, kFishGapPerWidth * width);
+  }
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (verdicts[i] != Verdict::kKeep) continue;
+    Group& g = groups_[group_[i]];
+    if (g.needed == 0) continue;
+    for (const std::uint32_t k : neighbours(i)) {
+      if (verdicts[k] != Verdict::kKeep || group_[k] == group_[i]) continue;
+      ++g.leaving;
+      g.shallow += nodes_[k].range - nodes_[i].range < g.needed ? 1 : 0;
+    }
+  }
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const Group& g = groups_[group_[i]];
+    if (verdicts[i] == Verdict::kKeep && g.needed > 0 && g.leaving > 0 &&
+        g.shallow <= kShallowShare * g.leaving)
+      verdicts[i] = Verdict::kFish;
+  }
+}
+
+void DepthConsistency::dropPatches(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts) {
+  join(std::tan(config.max_slope), verdicts);
+  groups_.assign(nodes_.size(), Group{});
+  for (std::size_t i = 0; i < nodes_.size(); ++i)
+    if (verdicts[i] == Verdict::kKeep) ++groups_[group_[i]].points;
+  for (std::size_t i = 0; i < nodes_.size(); ++i)
+    if (verdicts[i] == Verdict::kKeep &&
+        groups_[group_[i]].points < static_cast<std::uint32_t>(config.min_patch_points))
+      verdicts[i] = Verdict::kMismatch;
+}
 
 LocalMesh::LocalMesh(std::size_t max_points) : delaunay_(max_points), consistency_(max_points) {
   pixels_.reserve(max_points);

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "realtime/base/numbers/order_statistics.hpp"
-#include "recon/geometry/symmetric_eigen.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::stereo {
 namespace {

@@ -1,16 +1,12 @@
 #include "recon/stereo/sparse_stereo.hpp"
 
 #include <Eigen/Geometry>
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
 
-#include "recon/stereo/epipolar_search.hpp"
 #include "recon/stereo/gray_pyramid.hpp"
-#include "recon/stereo/harris_corners.hpp"
 #include "recon/stereo/local_mesh.hpp"
 #include "recon/stereo/match_points.hpp"
 #include "recon/stereo/patch_tracker.hpp"

@@ -1,17 +1,14 @@
 #include "recon/surface/atlas.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <vector>
 
-#include "recon/geometry/triangles.hpp"
+#include "recon/geometry/mesh.hpp"
 #include "recon/surface/chart_face.hpp"
 #include "recon/surface/charts.hpp"
-#include "recon/surface/triangle_rows.hpp"
 
 namespace fathom::surface {
 namespace {

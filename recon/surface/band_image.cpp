@@ -1,6 +1,5 @@
 #include "recon/surface/band_image.hpp"
 
-#include <algorithm>
 #include <cassert>
 #include <utility>
 

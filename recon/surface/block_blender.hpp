@@ -2,9 +2,9 @@
 
 #include <vector>
 
+#include "recon/surface/bake.hpp"
 #include "recon/surface/blend.hpp"
 #include "recon/surface/chart_lattice.hpp"
-#include "recon/surface/fill.hpp"
 #include "recon/surface/kernels/blend_kernels.hpp"
 #include "recon/surface/view_vote.hpp"
 

@@ -6,8 +6,8 @@
 #include <map>
 #include <numeric>
 
-#include "recon/geometry/triangles.hpp"
-#include "recon/surface/triangle_rows.hpp"
+#include "recon/geometry/mesh.hpp"
+#include "recon/surface/chart_face.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -44,8 +44,7 @@ class CoverMask {
   }
 
  private:
-  template <typename Visit>
-  void span(int row, int first, int last, const Visit& visit) const {
+  void span(int row, int first, int last, const auto& visit) const {
     if (first >= last) return;
     const auto a = static_cast<std::size_t>(first), b = static_cast<std::size_t>(last - 1);
     const std::size_t base = static_cast<std::size_t>(row) * words_;
@@ -110,8 +109,7 @@ class Charts {
   }
 
   // Takes `seed` and all free faces that connect to it and pass `accept`.
-  template <typename Accept>
-  void grow(std::uint32_t seed, Region region, const Accept& accept) {
+  void grow(std::uint32_t seed, Region region, const auto& accept) {
     const auto number = static_cast<std::uint32_t>(regions_.size());
     region.faces = {seed};
     region_of_[seed] = number;
@@ -210,8 +208,7 @@ class Charts {
             CoverMask(static_cast<int>(size.x()) + 1, static_cast<int>(size.y()) + 1)};
   }
 
-  template <typename Visit>
-  void rowsOf(const Sheet& sheet, std::uint32_t face, const Visit& visit) const {
+  void rowsOf(const Sheet& sheet, std::uint32_t face, const auto& visit) const {
     std::array<Eigen::Vector2d, 3> corners;
     for (std::size_t k = 0; k < 3; ++k)
       corners[k] = {corner(face, k).dot(sheet.frame.right) / texel_ - sheet.left,
@@ -255,28 +252,22 @@ class Charts {
       charts.push_back(std::move(chart));
       above = std::move(left_over);
     }
-    for (const Region* region : others) {
-      Sheet sheet = sheetFor(region->faces, frameOf(region->outwards));
-      charts.push_back({{}, region->outwards});
-      std::vector<std::uint32_t> hidden;
-      fill(sheet, region->faces, charts.back(), hidden);
-      for (std::vector<std::uint32_t> left = std::move(hidden); !left.empty();) {
-        Sheet another = sheetFor(left, frameOf(region->outwards));
-        charts.push_back({{}, region->outwards});
-        std::vector<std::uint32_t> still;
-        fill(another, left, charts.back(), still);
-        left = std::move(still);
-      }
-    }
-    while (!rest.empty()) {
-      Sheet sheet = sheetFor(rest, frameOf(kUp));
-      charts.push_back({{}, kUp});
-      std::vector<std::uint32_t> still;
-      fill(sheet, rest, charts.back(), still);
-      rest = std::move(still);
-    }
+    for (const Region* region : others) addCharts(region->faces, region->outwards, charts);
+    addCharts(std::move(rest), kUp, charts);
     for (ChartFaces& chart : charts) std::sort(chart.faces.begin(), chart.faces.end());
     return charts;
+  }
+
+  // Adds charts until they have all faces.
+  void addCharts(std::vector<std::uint32_t> faces, const Eigen::Vector3d& outwards,
+                 std::vector<ChartFaces>& charts) const {
+    while (!faces.empty()) {
+      Sheet sheet = sheetFor(faces, frameOf(outwards));
+      charts.push_back({{}, outwards});
+      std::vector<std::uint32_t> hidden;
+      fill(sheet, faces, charts.back(), hidden);
+      faces = std::move(hidden);
+    }
   }
 
   // Adds faces to the chart in their order; those that would hide others go to `hidden`.

@@ -1,15 +1,9 @@
 #include "recon/surface/surface_error.hpp"
 
-#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
-#include <vector>
-
-#include "recon/geometry/mesh.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -229,8 +223,7 @@ NearestTriangle::NearestTriangle(const Mesh& mesh) : mesh_(mesh) {
 }
 
 // Cells that the triangle's box meets.
-template <typename Visit>
-void NearestTriangle::forCells(std::size_t triangle, const Visit& visit) const {
+void NearestTriangle::forCells(std::size_t triangle, const auto& visit) const {
   const auto& [i, j, k] = mesh_.triangles[triangle];
   const Eigen::Vector3f &p = mesh_.vertices[i], &q = mesh_.vertices[j], &r = mesh_.vertices[k];
   const Eigen::Array3i a = cellOf(p.cwiseMin(q).cwiseMin(r).cast<double>());

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -40,8 +39,7 @@ class NearestTriangle {
                static_cast<std::size_t>(size_.z()) +
            static_cast<std::size_t>(z);
   }
-  template <typename Visit>
-  void forCells(std::size_t triangle, const Visit& visit) const;
+  void forCells(std::size_t triangle, const auto& visit) const;
   void search(std::size_t cell, const Eigen::Vector3d& point, Hit& best) const;
 
   const Mesh& mesh_;

@@ -2,9 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-
-#include "recon/geometry/flat_port.hpp"
 
 namespace fathom::surface {
 namespace {

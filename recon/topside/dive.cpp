@@ -7,7 +7,7 @@
 
 #include "realtime/base/input_error.hpp"
 #include "recon/topside/light/pair_images.hpp"
-#include "recon/topside/localise/free_poses.hpp"
+#include "recon/topside/localise/free_network.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {

@@ -11,7 +11,7 @@
 #include "recon/topside/pieces/fused_pair.hpp"
 #include "recon/topside/pieces/piece_stage.hpp"
 #include "recon/topside/plan/plan_stage.hpp"
-#include "recon/topside/prepare/prepare_stage.hpp"
+#include "recon/topside/prepare/prepared_groups.hpp"
 #include "recon/topside/prepare/rig_finding.hpp"
 #include "recon/topside/work/stage_runner.hpp"
 

@@ -21,9 +21,9 @@
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"
 #include "recon/topside/report/control_report.hpp"
-#include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/overlap_colours.hpp"
 #include "recon/topside/report/run_record.hpp"
-#include "recon/topside/report/slam_json.hpp"
+#include "recon/topside/report/slam_report.hpp"
 #include "recon/topside/work/repair.hpp"
 #include "recon/topside/work/run_stage_times.hpp"
 

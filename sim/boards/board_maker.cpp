@@ -17,7 +17,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/ply_writer.hpp"
+#include "recon/geometry/ply.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/sea/photograph.hpp"
 #include "sim/sea/sea_terrain.hpp"

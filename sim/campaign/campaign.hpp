@@ -1,15 +1,30 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "sim/scenario/scenario.hpp"
 
 namespace fathom::sim {
+
+// One disturbance of a dive, in levels from usual to extreme.
+struct Perturbation {
+  static constexpr std::size_t kLevels = 4;
+  const char* name;
+  const char* unit;
+  std::array<double, kLevels> levels;
+  bool pictures;  // false: it affects navigation alone; the dive has features in place of pictures
+  void (*disturb)(Scenario& scenario, double level);
+};
+
+[[nodiscard]] std::span<const Perturbation> perturbations();
 
 // A campaign replays many disturbed simulated dives through fathom-onboard and fathom-topside, to find the
 // perturbation level at which each requirement fails.

@@ -6,7 +6,6 @@
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
 #include "sim/campaign/campaign.hpp"
-#include "sim/campaign/perturbations.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::sim {

@@ -27,6 +27,11 @@ bool parse(std::string_view text, Number& out) {
   return error == std::errc() && end == text.data() + text.size();
 }
 
+std::uint64_t countFate(const std::vector<CameraLogRow>& log, const char* fate) {
+  return static_cast<std::uint64_t>(
+      std::count_if(log.begin(), log.end(), [&](const CameraLogRow& row) { return row.fate == fate; }));
+}
+
 }  // namespace
 
 std::vector<CameraLogRow> readCameraLog(const std::filesystem::path& path) {
@@ -58,15 +63,6 @@ std::vector<CameraLogRow> readCameraLog(const std::filesystem::path& path) {
   }
   return rows;
 }
-
-namespace {
-
-std::uint64_t countFate(const std::vector<CameraLogRow>& log, const char* fate) {
-  return static_cast<std::uint64_t>(
-      std::count_if(log.begin(), log.end(), [&](const CameraLogRow& row) { return row.fate == fate; }));
-}
-
-}  // namespace
 
 std::uint64_t FaultTable::counter(const nlohmann::json& json, std::initializer_list<const char*> path) {
   const nlohmann::json* at = &json;
@@ -101,6 +97,7 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
     : script_(script) {
   for (std::size_t i = 0; i < kFaultKinds; ++i)
     asked_.push_back(counter(run, {"expected", std::string(nameOf(static_cast<FaultKind>(i))).c_str()}));
+  const auto asked = [&](FaultKind kind) { return asked_[static_cast<std::size_t>(kind)]; };
   const auto both = [&](const char* name) {
     return counter(live, {"devices", "camera_left", name}) + counter(live, {"devices", "camera_right", name});
   };
@@ -128,19 +125,17 @@ FaultTable::FaultTable(const FaultScript& script, const nlohmann::json& run, con
   add(FaultKind::kSkew, skewed,
       counter(report, {"health", "nav_left_unpaired"}) + counter(report, {"health", "nav_right_unpaired"}),
       "navigation: unpaired, either side", false);
-  add(FaultKind::kIdWrap, asked_[static_cast<std::size_t>(FaultKind::kIdWrap)], 0, "", true);
-  add(FaultKind::kCameraReboot, asked_[static_cast<std::size_t>(FaultKind::kCameraReboot)],
-      both("clock_resets"), "cameras: clock_resets", true);
-  const std::uint64_t bus_off =
-      counter(run, {"lcm", "withheld"}) > 0 ? asked_[static_cast<std::size_t>(FaultKind::kCanBusOff)] : 0;
+  add(FaultKind::kIdWrap, asked(FaultKind::kIdWrap), 0, "", true);
+  add(FaultKind::kCameraReboot, asked(FaultKind::kCameraReboot), both("clock_resets"),
+      "cameras: clock_resets", true);
+  const std::uint64_t bus_off = counter(run, {"lcm", "withheld"}) > 0 ? asked(FaultKind::kCanBusOff) : 0;
   add(FaultKind::kCanBusOff, bus_off, 0, "", true);
   add(FaultKind::kDvlGarbage, done(FaultKind::kDvlGarbage), counter(live, {"devices", "dvl", "bad_checksum"}),
       "dvl: bad_checksum", true);
-  std::uint64_t silences = 0;
-  for (const Fault& f : script_.faults) silences += f.kind == FaultKind::kDvlSilence ? 1 : 0;
-  if (done(FaultKind::kDvlSilence) == 0) silences = 0;
-  add(FaultKind::kDvlSilence, silences, counter(live, {"devices", "dvl", "silences"}), "dvl: silences", true);
-  add(FaultKind::kModemSilence, asked_[static_cast<std::size_t>(FaultKind::kModemSilence)], 0, "", true);
+  const auto silences = std::ranges::count(script_.faults, FaultKind::kDvlSilence, &Fault::kind);
+  add(FaultKind::kDvlSilence, done(FaultKind::kDvlSilence) == 0 ? 0 : static_cast<std::uint64_t>(silences),
+      counter(live, {"devices", "dvl", "silences"}), "dvl: silences", true);
+  add(FaultKind::kModemSilence, asked(FaultKind::kModemSilence), 0, "", true);
   add(FaultKind::kDiskFull, done(FaultKind::kDiskFull), counter(live, {"recorder", "images_dropped_disk"}),
       "recorder: images_dropped_disk", false);
   add(FaultKind::kCpuHog, done(FaultKind::kCpuHog), 0, "", true);

@@ -98,11 +98,9 @@ struct Recorded {
   std::size_t other_pixels = 0;   // files with other pixels than the mission's
 };
 
-// Compares recorded files with what one camera sent and with the mission's images.
-Recorded checkRecording(const HilComparison& comparison, CameraSide side,
-                        const std::vector<CameraLogRow>& log, const FaultTable& table,
-                        const std::vector<Outage>& outages) {
-  Recorded r;
+// Compares recorded files with what one camera sent and with the mission's images, and adds to the counts.
+void checkRecording(const HilComparison& comparison, CameraSide side, const std::vector<CameraLogRow>& log,
+                    const FaultTable& table, const std::vector<Outage>& outages, Recorded& r) {
   std::set<std::int64_t> missing;
   for (const CameraLogRow& row : log) {
     if (!table.arrivedComplete(side, row)) continue;
@@ -114,7 +112,7 @@ Recorded checkRecording(const HilComparison& comparison, CameraSide side,
   const io::MissionPaths live(HilFolder(comparison.run).mission()), played(comparison.mission);
   const io::MissionConfig::Cameras cameras = io::readMissionConfig(comparison.mission).cameras;
   const PixelFormat format = side == CameraSide::kLeft ? cameras.left_format : cameras.right_format;
-  if (!std::filesystem::is_directory(live.images())) return r;
+  if (!std::filesystem::is_directory(live.images())) return;
   for (const auto& entry : std::filesystem::directory_iterator(live.images())) {
     const auto name = io::parseImageFileName(entry.path().filename().string());
     if (!name || name->side != side) continue;
@@ -129,8 +127,7 @@ Recorded checkRecording(const HilComparison& comparison, CameraSide side,
     const io::ImageFile sent = io::readImage(played.images() / row->file, format, cameras.bits);
     r.other_pixels += got.bytes != sent.bytes ? 1 : 0;
   }
-  r.during_outage = missing.size();
-  return r;
+  r.during_outage += missing.size();
 }
 
 }  // namespace
@@ -293,35 +290,29 @@ bool compareHil(const HilComparison& comparison) {
 
   FaultTable table(script, run, live, report, left, right);
   const std::vector<Outage> outages = outagesOf(run);
-  std::size_t unknown = 0, other_pixels = 0, whole = 0, recorded = 0, during_outage = 0;
-  for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight}) {
-    const Recorded r =
-        checkRecording(comparison, side, side == CameraSide::kLeft ? left : right, table, outages);
-    during_outage += r.during_outage;
-    unknown += r.unknown;
-    other_pixels += r.other_pixels;
-    whole += r.sent_whole;
-    recorded += r.recorded;
-  }
-  check("frames", recorded + stopped + during_outage == whole,
+  Recorded images;
+  checkRecording(comparison, CameraSide::kLeft, left, table, outages, images);
+  checkRecording(comparison, CameraSide::kRight, right, table, outages, images);
+  check("frames", images.recorded + stopped + images.during_outage == images.sent_whole,
         formatted("%zu exposures, %zu sent completely, %zu recorded, %llu refused by a full disk, %zu during "
                   "outages of the program",
-                  left.size() + right.size(), whole, recorded, static_cast<unsigned long long>(stopped),
-                  during_outage));
+                  left.size() + right.size(), images.sent_whole, images.recorded,
+                  static_cast<unsigned long long>(stopped), images.during_outage));
   const PairCheck pairs = checkPairs(live_poses, left, right, kPairTolerance_s);
   check(
-      "pairs", pairs.pairs > 0 && pairs.mismatched + pairs.unknown + unknown + other_pixels == 0,
+      "pairs",
+      pairs.pairs > 0 && pairs.mismatched + pairs.unknown + images.unknown + images.other_pixels == 0,
       formatted(
           "%zu pairs mapped: %zu mismatched, %zu unknown; %zu recorded images unknown, %zu with other pixels",
-          pairs.pairs, pairs.mismatched, pairs.unknown, unknown, other_pixels));
+          pairs.pairs, pairs.mismatched, pairs.unknown, images.unknown, images.other_pixels));
   out["frames"] = {{"exposures", left.size() + right.size()},
-                   {"sent_whole", whole},
-                   {"recorded", recorded},
+                   {"sent_whole", images.sent_whole},
+                   {"recorded", images.recorded},
                    {"stopped_by_disk", stopped},
-                   {"while_away", during_outage},
+                   {"while_away", images.during_outage},
                    {"pairs", pairs.pairs},
                    {"mismatched", pairs.mismatched + pairs.unknown},
-                   {"other_pixels", other_pixels}};
+                   {"other_pixels", images.other_pixels}};
 
   if (!script.faults.empty()) {
     const bool counted = table.print(stdout);

@@ -16,7 +16,7 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
-#include "recon/geometry/ply_writer.hpp"
+#include "recon/geometry/ply.hpp"
 #include "sim/features/feature_camera.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/scenario/scenario_file.hpp"

@@ -18,7 +18,7 @@
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/geometry/mesh.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "sim/sea/ground/noise.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
 

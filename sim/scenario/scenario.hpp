@@ -6,7 +6,7 @@
 
 #include "realtime/base/config_keys.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/flat_port.hpp"
+#include "recon/geometry/camera.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/stereo_rig.hpp"

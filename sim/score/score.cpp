@@ -8,8 +8,8 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/ply_reader.hpp"
-#include "sim/score/colour_detail.hpp"
+#include "recon/geometry/ply.hpp"
+#include "sim/score/colour_score.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/trajectory_score.hpp"
 

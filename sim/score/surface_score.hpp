@@ -10,7 +10,6 @@
 #include "recon/geometry/camera.hpp"
 #include "recon/geometry/mesh.hpp"
 #include "recon/geometry/se3.hpp"
-#include "sim/score/alignment.hpp"
 #include "sim/score/score.hpp"
 #include "sim/score/truth_surface.hpp"
 

@@ -9,8 +9,8 @@
 
 #include "firmware_if/mission/mission.hpp"
 #include "firmware_if/mission/pose_files.hpp"
-#include "sim/score/alignment.hpp"
 #include "sim/score/score.hpp"
+#include "sim/score/truth_surface.hpp"
 
 namespace fathom::sim {
 

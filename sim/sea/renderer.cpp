@@ -10,11 +10,10 @@
 #include <stdexcept>
 #include <vector>
 
-#include "sim/sea/ground/moving_objects.hpp"
-#include "sim/sea/light/camera_rays.hpp"
+#include "sim/sea/ground/shapes.hpp"
 #include "sim/sea/light/daylight.hpp"
 #include "sim/sea/light/image_sensor.hpp"
-#include "sim/sea/light/lens_blur.hpp"
+#include "sim/sea/light/lens.hpp"
 #include "sim/sea/light/marine_snow.hpp"
 #include "sim/sea/light/ray_tracer.hpp"
 #include "sim/sea/light/surface_detail.hpp"

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "sim/scenario/key_range_check.hpp"
 #include "sim/scenario/scenario.hpp"
 #include "sim/sea/ground/seafloor.hpp"

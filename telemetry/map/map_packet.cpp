@@ -5,7 +5,7 @@
 #include <limits>
 #include <optional>
 
-#include "telemetry/map/map_packet_colour.hpp"
+#include "telemetry/map/map_packet_walk.hpp"
 
 namespace fathom::telemetry {
 namespace {

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <cstdlib>
 
-#include "telemetry/map/map_block.hpp"
 #include "telemetry/map/map_kriging.hpp"
+#include "telemetry/map/map_packet.hpp"
 #include "telemetry/map/range_coder.hpp"
 
 // The walk over a map packet that encoder and decoder share: each function below codes one part of the

@@ -11,8 +11,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/kernel/time/clock.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
-#include "telemetry/monitor/session_files.hpp"
-#include "telemetry/monitor/session_keeper.hpp"
+#include "telemetry/monitor/session.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
 #include "telemetry/web/access.hpp"
 
@@ -119,7 +118,7 @@ class Reception {
                            : shared_.model->speak(clock_.utcNs(), frame,
                                                   [&] { return files_ == nullptr || files_->keep(); });
           size > 0)
-        if (!live_->send(std::span<const std::uint8_t>(frame).first(size))) ++unsent_;
+        (void)live_->send(std::span<const std::uint8_t>(frame).first(size));
       return count;
     }
     for (const PlaybackRequest& request : shared_.playback_requests) apply(request);
@@ -147,7 +146,6 @@ class Reception {
   SessionFiles* files_;
   bool listen_only_;
   rt::RealClock clock_;
-  std::uint64_t unsent_ = 0;  // downlink frames that no port took
   std::optional<LiveFeed> live_;
   std::optional<Recording> recording_;
 };

@@ -1,16 +1,163 @@
 #include "telemetry/ship/link_receiver.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <numeric>
+#include <vector>
 
 #include "realtime/base/bytes/crc32.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::telemetry {
 namespace {
+
+constexpr std::int64_t kHour_ns = 3600 * kSecond_ns;
+constexpr std::int64_t kSearchInterval_ns = kSecond_ns;
+constexpr int kLapsBack = 13;  // of two hours each: a day, and the current one
+
+std::array<std::uint16_t, 3> around(std::uint16_t lap) {
+  return {lap, static_cast<std::uint16_t>(lap + 1), static_cast<std::uint16_t>(lap - 1)};
+}
+
+constexpr std::size_t kRoomBefore = 1024;  // for frames that come after newer ones
+constexpr Version kPiece = 80;             // of the dive, that the smallest downlink frame covers
 
 constexpr std::size_t kLeastReach = 16;  // frames before the oldest turn that are acknowledged
 constexpr Version kLap = 0x10000;        // of sequence numbers
 
 }  // namespace
+
+DecodedFrame LapSearch::anyLap(std::span<const std::uint8_t> bytes, const FrameTag& tag,
+                               std::int64_t now_ns) {
+  if (unconfirmed_) {
+    const auto laps = around(*unconfirmed_);
+    const DecodedFrame frame = decodeFrame(bytes, tag, laps);
+    if (frame.verdict == FrameVerdict::kAccepted) {
+      unconfirmed_.reset();
+      return frame;
+    }
+  }
+  DecodedFrame refused = peekFrame(bytes);
+  refused.verdict = FrameVerdict::kBadTag;
+  if (searched_ns_ && std::abs(now_ns - *searched_ns_) < kSearchInterval_ns) return refused;
+  searched_ns_ = now_ns;
+  std::vector<std::uint16_t> laps(std::size_t{1} << 16);
+  std::iota(laps.begin(), laps.end(), std::uint16_t{0});
+  const DecodedFrame frame = decodeFrame(bytes, tag, laps);
+  if (frame.verdict == FrameVerdict::kAccepted) unconfirmed_ = lapOf(frame.header.version);
+  return refused;
+}
+
+DecodedFrame LapSearch::decode(std::span<const std::uint8_t> bytes, const FrameTag& tag,
+                               std::optional<Version> near, std::int64_t now_ns) {
+  if (!keyed_) return decodeFrame(bytes, tag);
+  DecodedFrame frame;
+  if (near) {
+    // The lap that makes the frame nearest to the newest, then those beside it.
+    const auto sequence = static_cast<std::uint16_t>(peekFrame(bytes).header.version);
+    const auto laps = around(lapOf(versionNear(sequence, *near)));
+    frame = decodeFrame(bytes, tag, laps);
+    // A repair frame's own tag is shorter, and it follows frames whose lap is known.
+    if (frame.verdict != FrameVerdict::kBadTag || frame.header.type == MessageType::kRepair) return frame;
+  }
+  std::array<std::uint16_t, kLapsBack + 1> recent{};
+  for (std::size_t k = 0; k < recent.size(); ++k)
+    recent[k] = static_cast<std::uint16_t>(lapOf(firstVersion(now_ns + 2 * kHour_ns)) - k);
+  frame = decodeFrame(bytes, tag, recent);
+  return frame.verdict == FrameVerdict::kBadTag ? anyLap(bytes, tag, now_ns) : frame;
+}
+
+void ShipFrames::addPlace(Version version) {
+  if (places_.size() == kMostPlaces) places_.erase(places_.begin() + 1);  // the first is the dive's beginning
+  places_.push_back({version, 0});
+}
+
+void ShipFrames::add(Version version, std::uint32_t digest) {
+  if (digests_.empty()) {
+    base_ = version > kRoomBefore ? version - kRoomBefore : 0;
+    first_ = newest_ = version;
+    addPlace(version);
+  }
+  if (version < base_) return;
+  const std::size_t at = version - base_;
+  if (at >= digests_.size()) digests_.resize(at + 1);
+  digests_[at] = shortened(digest);
+  if (version > newest_ + kLongGap) addPlace(version);
+  newest_ = std::max(newest_, version);
+  if (version < first_) {
+    // The former first frame stays a place: there is a gap before it.
+    first_ = version;
+    places_.insert(places_.begin(), {version, 0});
+    if (places_.size() > kMostPlaces) places_.pop_back();
+  }
+  if (digests_.size() <= kMost) return;
+  constexpr std::size_t kHalf = kMost / 2;
+  digests_.erase(digests_.begin(), digests_.begin() + kHalf);
+  base_ += kHalf;
+  std::erase_if(places_, [this](const Place& place) { return place.version < base_; });
+}
+
+void ShipFrames::noteDamage(Version version) {
+  addPlace(version);
+}
+
+std::uint16_t ShipFrames::lackingBefore(Version version) const {
+  if (version <= first_) return Acknowledgement::kAll;
+  std::uint16_t lacking = 0;
+  while (lacking + 1 < Acknowledgement::kAll && version - lacking > base_ && !holds(version - 1 - lacking))
+    ++lacking;
+  return lacking;
+}
+
+Acknowledgement ShipFrames::before(Version newest, std::size_t furthest) const {
+  Acknowledgement a;
+  a.valid = true;
+  a.newest = static_cast<std::uint16_t>(newest);
+  const std::size_t most = std::min({furthest, Acknowledgement::kMaxReach, std::size_t{newest - base_}});
+  for (; a.reach < most; ++a.reach) a.before[a.reach] = holds(newest - 1 - static_cast<Version>(a.reach));
+  a.lacking = lackingBefore(newest - static_cast<Version>(a.reach));
+  return a;
+}
+
+Acknowledgement ShipFrames::latest(std::size_t furthest) const {
+  return digests_.empty() ? Acknowledgement{} : before(newest_, furthest);
+}
+
+std::optional<Acknowledgement> ShipFrames::nextPlace() {
+  for (int reports = 0; reports < kReportsOfAPlace; ++reports)
+    for (Place& place : places_) {
+      // A gap is sent as its length alone, which fits every frame.
+      const bool gap = lackingBefore(place.version) >= kLongGap;
+      if (place.reports > reports || (!gap && newest_ - place.version < kPiece)) continue;
+      ++place.reports;
+      return before(place.version, gap ? 0 : Acknowledgement::kMaxReach);
+    }
+  return std::nullopt;
+}
+
+// Continues at reported_, up to which frames were acknowledged in this round.
+std::optional<Acknowledgement> ShipFrames::nextPiece() {
+  if (digests_.empty() || newest_ == first_) return std::nullopt;
+  if (reported_ <= first_ || reported_ > newest_) {
+    reported_ = first_ + 1;
+    return before(first_, 0);  // no frame came before
+  }
+  Version last = std::min(reported_ + kPiece - 1, newest_);
+  while (last >= reported_ && !holds(last)) --last;
+  const bool gap = last < reported_;
+  if (gap)
+    while (!holds(++last)) {  // the ship has the newest
+    }
+  reported_ = last + 1;
+  return before(last, gap ? 0 : Acknowledgement::kMaxReach);
+}
+
+std::optional<Acknowledgement> ShipFrames::further(bool whole_dive) {
+  place_next_ = !place_next_ || !whole_dive;
+  const auto place = place_next_ ? nextPlace() : std::nullopt;
+  return place || !whole_dive ? place : nextPiece();
+}
 
 Version LinkReceiver::restart(Version version) {
   if (started_) ++counters_.resyncs;

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 namespace {

@@ -27,7 +27,7 @@ class ShipLink {
 
   // Takes one received modem frame: gives each link frame in it to `take`, which accept()s it and returns
   // whether it was accepted; the modem frame itself when it holds none. True: at least one was accepted. The
-  // answer is then padded as this modem frame was (bundle.hpp).
+  // answer is then padded as this modem frame was (frame.hpp).
   using TakeFrame = std::function<bool(std::span<const std::uint8_t> link_frame)>;
   bool receive(std::span<const std::uint8_t> modem_frame, const TakeFrame& take);
   // Takes one link frame that arrived now; see LinkReceiver::accept.

@@ -1,27 +1,72 @@
 #include "telemetry/tiles/tile_codec.hpp"
 
+#include <draco/compression/decode.h>
+#include <draco/point_cloud/point_cloud.h>
+
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
-#include <limits>
-#include <stdexcept>
+#include <exception>
 #include <vector>
 
-#include "realtime/base/numbers/order_statistics.hpp"
-#include "telemetry/tiles/draco_values.hpp"
+#include "realtime/base/bytes/byte_order.hpp"
 #include "telemetry/wire/field.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
+// What every stream begins with in Draco's bitstream 2.3: magic, version, point cloud, sequential, no flags;
+// number of points (u32, little-endian, at kPointsAt); one decoder of one attribute: generic, int16,
+// components (at kComponentsAt), not normalised, id 0, integer coder; difference prediction, wrap transform,
+// compressed.
+constexpr std::size_t kPointsAt = 11;
+constexpr std::size_t kComponentsAt = 19;
+using Prefix = std::array<std::uint8_t, 26>;
+
+Prefix prefix(std::size_t points, int components) {
+  Prefix p{'D', 'R', 'A', 'C', 'O', 2, 3, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 4, 3, 0, 0, 0, 1, 0, 1, 1};
+  writeLittleEndian(std::span(p).subspan(kPointsAt, 4), points);
+  p[kComponentsAt] = static_cast<std::uint8_t>(components);
+  return p;
+}
+
+// Every stream ends with the wrap transform's bounds, two int32. The lesser is 0 as sent; of the greater 16
+// bits go.
+constexpr std::size_t kBoundsBytes = 8;
+constexpr std::size_t kSentBoundBytes = 2;
+
+bool decodeCloud(std::span<const std::uint8_t> bytes, int components, std::span<std::int16_t> values) {
+  const std::size_t points = values.size() / static_cast<std::size_t>(components);
+  const Prefix head = prefix(points, components);
+  std::vector<char> stream(head.begin(), head.end());
+  stream.insert(stream.end(), bytes.begin() + kSentBoundBytes, bytes.end());
+  stream.insert(stream.end(), 4, 0);
+  stream.insert(stream.end(), {static_cast<char>(bytes[0]), static_cast<char>(bytes[1]), 0, 0});
+  draco::DecoderBuffer buffer;
+  buffer.Init(stream.data(), stream.size());
+  draco::Decoder decoder;
+  auto decoded = decoder.DecodePointCloudFromBuffer(&buffer);
+  if (!decoded.ok() || buffer.remaining_size() != 0) return false;
+  const draco::PointCloud& cloud = *decoded.value();
+  if (cloud.num_attributes() != 1 || cloud.num_points() != points) return false;
+  const draco::PointAttribute& attribute = *cloud.attribute(0);
+  if (attribute.size() != points || attribute.num_components() != components ||
+      attribute.data_type() != draco::DT_INT16)
+    return false;
+  for (std::size_t k = 0; k < points; ++k)
+    attribute.GetValue(draco::AttributeValueIndex(static_cast<std::uint32_t>(k)),
+                       values.data() + k * static_cast<std::size_t>(components));
+  return std::all_of(values.begin(), values.end(), [](std::int16_t v) { return v >= 0; });
+}
+
 // An encoded tile: size [mm], stride, resolution [mm], colour bits, sigma code, least depth in steps, mask of
 // nodes; then, from the next byte on, Draco's values per seen node along the walk: depth above the least and,
 // with colour, luma and two chroma differences. Depths are rounded on a grid through zero, so that the nodes
 // which neighbouring tiles share come out equal and the tiles join.
-constexpr Field kSize{1, kMaxTileSize_mm, 1};
+constexpr Field kSize{1, 1048575, 1};     // [mm]
 constexpr Field kResolution{1, 1000, 1};  // [mm]
 constexpr unsigned kColourBits = 3;
+constexpr int kMaxColourBits = 6;    // of brightness, one more of each chroma
 constexpr unsigned kDepthBits = 24;  // signed
 constexpr unsigned kSigmaBits = 6;
 constexpr double kSigmaFloor = 0.001;  // code 0 [m]; each step is a quarter of an octave, the last is 55 m
@@ -46,18 +91,6 @@ struct Lattice {
 // node to node and costs little.
 constexpr int kChromaFiner = 2;
 
-std::array<std::int16_t, 3> toLuma(const Rgb& colour, int bits) {
-  const int range = (1 << bits) - 1;
-  const auto quantise = [&](double v, int finer) {
-    return static_cast<std::int16_t>(std::lround(v * range * finer / 255.0));
-  };
-  const auto offset = static_cast<std::int16_t>(range * kChromaFiner);
-  const double r = colour[0], g = colour[1], b = colour[2];
-  return {quantise((r + 2 * g + b) / 4, 1),
-          static_cast<std::int16_t>(quantise((r - b) / 2, kChromaFiner) + offset),
-          static_cast<std::int16_t>(quantise((2 * g - r - b) / 4, kChromaFiner) + offset)};
-}
-
 Rgb fromLuma(const std::int16_t* code, int bits) {
   const int range = (1 << bits) - 1;
   const double scale = 255.0 / range, chroma = scale / kChromaFiner;
@@ -69,58 +102,9 @@ Rgb fromLuma(const std::int16_t* code, int bits) {
   return {channel(y - cg + co), channel(y + cg), channel(y - cg - co)};
 }
 
-std::uint64_t sigmaQuarterOctave(float sigma) {
-  if (!(sigma > kSigmaFloor)) return 0;
-  return static_cast<std::uint64_t>(
-      std::clamp(std::lround(kSigmaSteps * std::log2(sigma / kSigmaFloor)), 0L, (1L << kSigmaBits) - 1));
-}
-
-// log2 of a stride of 1, 2, 4 or 8; -1 for any other.
-int strideCode(int stride) {
-  return stride >= 1 && stride <= 8 && std::has_single_bit(static_cast<unsigned>(stride))
-             ? std::countr_zero(static_cast<unsigned>(stride))
-             : -1;
-}
-
-unsigned gammaBits(std::size_t value) {
-  return 2 * static_cast<unsigned>(std::bit_width(value)) - 1;
-}
-
-// Calls visit(length) for each run; lengths are of unseen, seen, unseen, ... nodes, the first may be 0.
-template <class Visit>
-void forEachRun(std::span<const bool> seen, Visit visit) {
-  bool value = false;
-  std::size_t begin = 0;
-  for (std::size_t i = 0; i <= seen.size(); ++i) {
-    if (i < seen.size() && seen[i] == value) continue;
-    visit(i - begin);
-    begin = i;
-    value = !value;
-  }
-}
-
-// Which nodes of a lattice were seen, in the order of a walk over it. A full lattice costs one bit; otherwise
-// the shorter of one bit a node and run lengths (Elias gamma, first run unseen, may be empty).
-void putMask(BitWriter& writer, std::span<const bool> seen) {
-  const bool full = std::all_of(seen.begin(), seen.end(), [](bool s) { return s; });
-  writer.put(full ? 1 : 0, 1);
-  if (full) return;
-  std::size_t run_bits = 0;
-  forEachRun(seen, [&](std::size_t length) { run_bits += gammaBits(length + 1); });
-  const bool runs = run_bits < seen.size();
-  writer.put(runs ? 1 : 0, 1);
-  if (!runs) {
-    for (const bool s : seen) writer.put(s ? 1 : 0, 1);
-    return;
-  }
-  forEachRun(seen, [&](std::size_t length) {
-    const unsigned width = static_cast<unsigned>(std::bit_width(length + 1));
-    writer.put(0, width - 1);
-    writer.put(length + 1, width);
-  });
-}
-
-// Reads a mask of seen.size() nodes; false if the bits are not one.
+// Reads which nodes of a lattice were seen, in the order of a walk over it: one bit for a full lattice;
+// otherwise one bit a node or run lengths (Elias gamma, first run unseen, may be empty). False if the bits
+// are no mask of seen.size() nodes.
 bool getMask(BitReader& reader, std::span<bool> seen) {
   if (reader.get(1) == 1) {
     std::fill(seen.begin(), seen.end(), true);
@@ -144,70 +128,23 @@ bool getMask(BitReader& reader, std::span<bool> seen) {
   return true;
 }
 
+constexpr unsigned kLevelBits = 4;
+constexpr unsigned kIndexBits = 15;  // signed
+constexpr unsigned kFragmentBits = 7;
+static_assert(kLevelBits + 2 * kIndexBits + kRevisionBits + kStrideBits + 2 * kFragmentBits ==
+              8 * kFragmentHeaderBytes);
+
 }  // namespace
 
-void TileCodecConfig::validate() const {
-  if (!(depth_resolution >= 0.001 && depth_resolution <= 1))
-    throw std::invalid_argument("depth_resolution is outside 0.001 to 1 m");
-  if (colour_bits < 0 || colour_bits > kMaxColourBits)
-    throw std::invalid_argument("colour_bits is outside 0 to 6");
-  if (!(min_coverage >= 0 && min_coverage <= 1))
-    throw std::invalid_argument("min_coverage is outside 0 to 1");
-}
-
-std::size_t encodeTile(const HeightTile& tile, int stride, const TileCodecConfig& config,
-                       std::span<std::uint8_t> out) {
-  const double size_mm = tile.size * 1000;
-  const double resolution_mm = std::round(config.depth_resolution * 1000);
-  if (strideCode(stride) < 0 || !kSize.valid(size_mm) || std::abs(size_mm - std::round(size_mm)) > 1e-6 ||
-      !kResolution.valid(resolution_mm) || config.colour_bits < 0 || config.colour_bits > kMaxColourBits)
-    return 0;
-  const Lattice lattice(stride);
-  std::array<bool, HeightTile::kNodes> seen{};
-  std::array<std::int64_t, HeightTile::kNodes> steps{};
-  std::array<float, HeightTile::kNodes> sigmas{};
-  std::size_t count = 0;
-  std::int64_t least = std::numeric_limits<std::int64_t>::max(),
-               greatest = std::numeric_limits<std::int64_t>::min();
-  for (std::size_t k = 0; k < lattice.count(); ++k) {
-    const HeightTile::Node& node = tile.nodes[lattice.node(k)];
-    const double step = node.depth * 1000.0 / resolution_mm;
-    seen[k] =
-        node.coverage > 0 && node.coverage >= config.min_coverage && std::abs(step) < 1 << (kDepthBits - 1);
-    if (!seen[k]) continue;
-    steps[k] = std::llround(step);
-    least = std::min(least, steps[k]);
-    greatest = std::max(greatest, steps[k]);
-    sigmas[count++] = node.sigma;
+bool decodeValues(std::span<const std::uint8_t> bytes, int components, std::span<std::int16_t> values) {
+  if (components < 1 || components > kMaxDracoComponents || bytes.size() < kSentBoundBytes) return false;
+  const auto width = static_cast<std::size_t>(components);
+  if (values.empty() || values.size() % width != 0 || values.size() / width > kMaxDracoPoints) return false;
+  try {
+    return decodeCloud(bytes, components, values);
+  } catch (const std::exception&) {  // out of memory, or a length that Draco did not check
+    return false;
   }
-  const std::int64_t depth_bound = std::int64_t{1} << (kDepthBits - 1);
-  if (count == 0 || greatest - least > std::numeric_limits<std::int16_t>::max() || least < -depth_bound ||
-      least >= depth_bound)
-    return 0;
-
-  BitWriter w(out);
-  w.put(kSize, size_mm);
-  w.put(static_cast<std::uint64_t>(strideCode(stride)), kStrideBits);
-  w.put(kResolution, resolution_mm);
-  w.put(static_cast<std::uint64_t>(config.colour_bits), kColourBits);
-  w.put(sigmaQuarterOctave(median(std::span(sigmas).first(count))), kSigmaBits);
-  w.putSigned(least, kDepthBits);
-  putMask(w, std::span(seen).first(lattice.count()));
-  if (!w.ok()) return 0;
-
-  const std::size_t components = config.colour_bits > 0 ? 4 : 1;
-  std::array<std::int16_t, kMaxDracoComponents * HeightTile::kNodes> values{};
-  std::size_t n = 0;
-  for (std::size_t k = 0; k < lattice.count(); ++k) {
-    if (!seen[k]) continue;
-    values[n++] = static_cast<std::int16_t>(steps[k] - least);
-    if (components == 1) continue;
-    for (const std::int16_t v : toLuma(tile.nodes[lattice.node(k)].colour, config.colour_bits))
-      values[n++] = v;
-  }
-  const std::size_t body =
-      encodeValues(std::span(values).first(n), static_cast<int>(components), out.subspan(w.bytes()));
-  return body == 0 ? 0 : w.bytes() + body;
 }
 
 bool decodeTile(std::span<const std::uint8_t> bytes, DecodedTile& out) {
@@ -251,6 +188,118 @@ bool decodeTile(std::span<const std::uint8_t> bytes, DecodedTile& out) {
     }
     value += components;
   }
+  out = decoded;
+  return true;
+}
+
+bool decodeFragment(std::span<const std::uint8_t> payload, TileFragment& out) {
+  if (payload.size() <= kFragmentHeaderBytes || payload.size() > kFragmentHeaderBytes + kMaxPieceBytes)
+    return false;
+  BitReader r(payload.first(kFragmentHeaderBytes));
+  out.id.level = static_cast<int>(r.get(kLevelBits));
+  out.id.north_index = static_cast<std::int32_t>(r.getSigned(kIndexBits));
+  out.id.east_index = static_cast<std::int32_t>(r.getSigned(kIndexBits));
+  out.id.revision = static_cast<std::uint16_t>(r.get(kRevisionBits));
+  out.id.stride = 1 << r.get(kStrideBits);
+  out.index = static_cast<int>(r.get(kFragmentBits));
+  out.count = static_cast<int>(r.get(kFragmentBits));
+  out.piece = payload.subspan(kFragmentHeaderBytes);
+  return out.index < out.count;
+}
+
+bool newerRevision(std::uint16_t a, std::uint16_t b) {
+  constexpr unsigned kMask = (1U << kRevisionBits) - 1;
+  const unsigned ahead = (static_cast<unsigned>(a) - b) & kMask;
+  return ahead != 0 && ahead < 1U << (kRevisionBits - 1);
+}
+
+TileReassembler::TileReassembler(int open_tiles)
+    : slots_(static_cast<std::size_t>(std::max(open_tiles, 1))) {}
+
+int TileReassembler::open() const {
+  return static_cast<int>(
+      std::count_if(slots_.begin(), slots_.end(), [](const Slot& s) { return s.used && !s.finished; }));
+}
+
+TileReassembler::Slot& TileReassembler::slotFor(const TileFragment& fragment) {
+  for (Slot& slot : slots_) {
+    if (slot.used && slot.id == fragment.id) return slot;
+    const bool older = slot.used && !slot.finished && slot.id.sameTile(fragment.id) &&
+                       slot.id.stride == fragment.id.stride &&
+                       newerRevision(fragment.id.revision, slot.id.revision);
+    if (older) {
+      slot.used = false;
+      ++counters_.superseded;
+    }
+  }
+  // Free first, then the finished or open tile that was touched longest ago.
+  const auto rank = [](const Slot& s) { return !s.used ? 0 : s.finished ? 1 : 2; };
+  Slot& slot = *std::min_element(slots_.begin(), slots_.end(), [&](const Slot& a, const Slot& b) {
+    return rank(a) != rank(b) ? rank(a) < rank(b) : a.touched < b.touched;
+  });
+  if (slot.used && !slot.finished) ++counters_.evicted;
+  slot.used = true;
+  slot.finished = false;
+  slot.id = fragment.id;
+  slot.count = fragment.count;
+  slot.have = 0;
+  slot.present.fill(false);
+  return slot;
+}
+
+bool TileReassembler::accept(std::span<const std::uint8_t> payload, DecodedTile& out) {
+  TileFragment fragment;
+  if (!decodeFragment(payload, fragment)) {
+    ++counters_.invalid;
+    return false;
+  }
+  ++counters_.fragments;
+  Slot& slot = slotFor(fragment);
+  slot.touched = ++clock_;
+  if (slot.count != fragment.count) {
+    ++counters_.conflicting;
+    return false;
+  }
+  const auto index = static_cast<std::size_t>(fragment.index);
+  if (slot.finished || slot.present[index]) {
+    ++counters_.repeated;
+    return false;
+  }
+  slot.present[index] = true;
+  slot.length[index] = static_cast<std::uint8_t>(fragment.piece.size());
+  std::copy(fragment.piece.begin(), fragment.piece.end(),
+            slot.bytes.begin() + static_cast<std::ptrdiff_t>(index * kMaxPieceBytes));
+  if (++slot.have < slot.count) return false;
+  return assemble(slot, out);
+}
+
+bool TileReassembler::assemble(Slot& slot, DecodedTile& out) {
+  std::array<std::uint8_t, kMaxTileBytes> bytes;
+  std::size_t size = 0;
+  const auto count = static_cast<std::size_t>(slot.count);
+  slot.finished = true;
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool even = i + 1 < count ? slot.length[i] == slot.length[0] : slot.length[i] <= slot.length[0];
+    if (!even || size + slot.length[i] > bytes.size()) {
+      ++counters_.conflicting;
+      slot.used = false;  // a later repetition may put it right
+      return false;
+    }
+    std::copy_n(slot.bytes.begin() + static_cast<std::ptrdiff_t>(i * kMaxPieceBytes), slot.length[i],
+                bytes.begin() + static_cast<std::ptrdiff_t>(size));
+    size += slot.length[i];
+  }
+  DecodedTile decoded;
+  decoded.tile.north_index = slot.id.north_index;
+  decoded.tile.east_index = slot.id.east_index;
+  decoded.tile.level = static_cast<std::int16_t>(slot.id.level);
+  decoded.tile.revision = slot.id.revision;
+  if (!decodeTile(std::span(bytes).first(size), decoded) || decoded.stride != slot.id.stride) {
+    ++counters_.undecodable;
+    slot.used = false;
+    return false;
+  }
+  ++counters_.completed;
   out = decoded;
   return true;
 }

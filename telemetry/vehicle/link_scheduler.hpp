@@ -13,7 +13,7 @@
 #include "telemetry/vehicle/sent_frames.hpp"
 #include "telemetry/wire/downlink_messages.hpp"
 #include "telemetry/wire/frame.hpp"
-#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::telemetry {
 
@@ -24,7 +24,7 @@ struct LinkSchedulerConfig {
   double rate_bps = 300;  // of the modem; 80 to 5400 on acoustic ones; 10 to 1e6 accepted [bit/s]
   int frame_bytes = 128;  // largest link frame, 32 to 256 [B]
   // Largest modem frame, 64 to 2048 and frame_bytes + 2 at least [B]: link frames go in bundles of so many
-  // bytes at most (bundle.hpp); 0: each by itself.
+  // bytes at most (frame.hpp); 0: each by itself.
   int modem_bytes = 0;
   bool padded = false;          // always a bundle, filled with zeros to modem_bytes
   double preamble_s = 0;        // that each modem frame takes beside its bits, 0 to 5 [s]

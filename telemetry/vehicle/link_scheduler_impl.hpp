@@ -5,13 +5,11 @@
 #include <cstdint>
 
 #include "telemetry/map/map_packet.hpp"
-#include "telemetry/repair/repair_encoder.hpp"
-#include "telemetry/vehicle/lasting_requests.hpp"
+#include "telemetry/repair/repair.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
 #include "telemetry/vehicle/sent_frames.hpp"
-#include "telemetry/vehicle/token_bucket.hpp"
 #include "telemetry/vehicle/turn_taking.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 

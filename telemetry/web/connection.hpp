@@ -9,7 +9,6 @@
 #include <string>
 
 #include "telemetry/web/exchange.hpp"
-#include "telemetry/web/request_parser.hpp"
 
 namespace fathom::web {
 

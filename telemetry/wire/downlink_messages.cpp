@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "realtime/base/units.hpp"
-#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::telemetry {
 namespace {

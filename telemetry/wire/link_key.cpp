@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "realtime/base/bytes/byte_order.hpp"
 #include "realtime/base/files/descriptor.hpp"
 #include "realtime/base/input_error.hpp"
 #include "telemetry/wire/frame.hpp"
@@ -139,14 +140,12 @@ std::uint32_t FrameTag::of(std::span<const std::uint8_t> bytes, std::uint16_t la
   std::copy(bytes.begin(), bytes.end(), text.begin());
   std::size_t size = bytes.size();
   if (keyed_) {
-    text[size++] = static_cast<std::uint8_t>(lap >> 8);
-    text[size++] = static_cast<std::uint8_t>(lap);
+    writeBigEndian(std::span(text).subspan(size, sizeof lap), lap);
+    size += sizeof lap;
   }
   std::array<std::uint8_t, crypto_shorthash_BYTES> hash;
   crypto_shorthash(hash.data(), text.data(), size, secret_.data());
-  std::uint32_t tag = 0;
-  for (std::size_t i = 0; i < sizeof tag; ++i) tag = tag << 8 | hash[i];
-  return tag;
+  return bigEndianAt<std::uint32_t>(hash, 0);
 }
 
 }  // namespace fathom::telemetry

@@ -3,8 +3,9 @@
 #include <array>
 #include <iterator>
 
+#include "realtime/base/bytes/byte_order.hpp"
 #include "realtime/base/input_error.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -23,19 +24,12 @@ bool canHoldFrame(std::span<const std::uint8_t> modem_frame) {
   return false;
 }
 
-std::uint64_t littleEndian(const std::uint8_t* bytes, int count) {
-  std::uint64_t value = 0;
-  for (int i = count; i-- > 0;) value = value << 8 | bytes[i];
-  return value;
-}
-
 }  // namespace
 
 bool writePacket(std::ostream& stream, std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
   std::array<std::uint8_t, kHeadBytes> head{};
-  for (std::size_t i = 0; i < 4; ++i) head[i] = static_cast<std::uint8_t>(frame.size() >> (8 * i));
-  for (std::size_t i = 0; i < 8; ++i)
-    head[4 + i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(utc_ns) >> (8 * i));
+  writeLittleEndian(std::span(head).first(4), frame.size());
+  writeLittleEndian(std::span(head).subspan(4), static_cast<std::uint64_t>(utc_ns));
   stream.write(reinterpret_cast<const char*>(head.data()), kHeadBytes);
   stream.write(reinterpret_cast<const char*>(frame.data()), static_cast<std::streamsize>(frame.size()));
   return stream.good();
@@ -54,13 +48,13 @@ std::optional<Packet> PacketLogReader::next() {
   if (stream_.gcount() == 0) return std::nullopt;
   if (stream_.gcount() != static_cast<std::streamsize>(kHeadBytes))
     throw InputError(path_.string(), place(), "the last packet is cut short: copy the file again");
-  const std::uint64_t length = littleEndian(head.data(), 4);
+  const std::uint64_t length = littleEndianAt<std::uint32_t>(head, 0);
   if (length == 0 || length > kMaxModemBytes)
     throw InputError(path_.string(), place(),
                      "a packet of " + std::to_string(length) + " bytes, expected 1 to " +
                          std::to_string(kMaxModemBytes) + ": not a packets.bin, or damaged");
   Packet packet;
-  packet.utc_ns = static_cast<std::int64_t>(littleEndian(head.data() + 4, 8));
+  packet.utc_ns = static_cast<std::int64_t>(littleEndianAt<std::uint64_t>(head, 4));
   if (!canBeTime(packet.utc_ns))
     throw InputError(path_.string(), place(), "a packet of no time: not a packets.bin, or damaged");
   packet.bytes.resize(length);
@@ -77,15 +71,15 @@ bool PacketLogReader::passOverDamage() {
   std::vector<std::uint8_t> rest((std::istreambuf_iterator<char>(stream_)), std::istreambuf_iterator<char>());
   stream_.clear();
   for (std::size_t at = 1; at + kHeadBytes < rest.size(); ++at) {
-    const std::uint64_t length = littleEndian(rest.data() + at, 4);
+    const std::uint64_t length = littleEndianAt<std::uint32_t>(rest, at);
     if (length < kFrameOverhead || length > kMaxModemBytes || length > rest.size() - at - kHeadBytes)
       continue;
-    if (!canBeTime(static_cast<std::int64_t>(littleEndian(rest.data() + at + 4, 8)))) continue;
+    if (!canBeTime(static_cast<std::int64_t>(littleEndianAt<std::uint64_t>(rest, at + 4)))) continue;
     // A frame can begin there, and another record or the file's end follows it.
     if (!canHoldFrame(std::span(rest).subspan(at + kHeadBytes, length))) continue;
     const std::size_t after = at + kHeadBytes + length;
     if (after != rest.size() &&
-        (after + kHeadBytes > rest.size() || littleEndian(rest.data() + after, 4) > kMaxModemBytes))
+        (after + kHeadBytes > rest.size() || littleEndianAt<std::uint32_t>(rest, after) > kMaxModemBytes))
       continue;
     offset_ += at;
     stream_.seekg(static_cast<std::streamoff>(offset_));

@@ -42,7 +42,7 @@ TEST(Architecture, NoFileIncludesOneThatItsLayerForbids) {
   EXPECT_THAT(layers().checkIncludes(edges), IsEmpty());
   // The reader sees what is certainly there.
   EXPECT_TRUE(edges.count({"recon/geometry/mesh.hpp", "recon/geometry/se3.hpp"}));
-  EXPECT_TRUE(edges.count({"recon/geometry/ply_reader.cpp", "realtime/base/input_error.hpp"}));
+  EXPECT_TRUE(edges.count({"recon/geometry/ply.cpp", "realtime/base/input_error.hpp"}));
 }
 
 TEST(Architecture, NoFileIncludesItselfInTheEnd) {

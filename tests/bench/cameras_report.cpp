@@ -146,14 +146,15 @@ int runCameras(const CamerasOptions& options) {
 
 }  // namespace
 
-test::Report camerasReport() {
+void camerasReport(CommandLine& program) {
   static CamerasOptions o;
-  return {"cameras",
-          "Two simulated cameras received as on the vehicle: CPU a frame, frames lost, stamps (as root)",
-          {required({"mission", &o.mission, "mission folder with images"}),
-           {"--rate", &o.rate_hz, "pairs a second", 0.1, 100},
-           {"--seconds", &o.seconds, "of the measurement", 1, 1e5}},
-          [] { return runCameras(o); }};
+  CommandLine& command = program.command(
+      "cameras",
+      "Two simulated cameras received as on the vehicle: CPU a frame, frames lost, stamps (as root)", "",
+      [] { return runCameras(o); });
+  command.add_option("mission", o.mission, "mission folder with images")->required();
+  command.shown("--rate", o.rate_hz, "pairs a second", 0.1, 100);
+  command.shown("--seconds", o.seconds, "of the measurement", 1, 1e5);
 }
 
 }  // namespace fathom::bench

@@ -302,18 +302,18 @@ int runClosure(const ClosureOptions& options) {
 
 namespace fathom::bench {
 
-test::Report closureReport() {
-  static closure::Options o;
-  return {"closure",
-          "Loop closures against the truth of simulated missions",
-          {required({"missions", &o.missions, "mission folders with full truth"}),
-           {"--out", &o.out, "folder that gets closure.html and closure.json"},
-           {"--every", &o.every, "take every so many-th pair of images", 2, 1000},
-           {"--pairs", &o.of_each, "pairs of frames of each class"},
-           {"--features", &o.features.max_features, "features of a frame", 20, 5000},
-           {"--width", &o.features.max_width, "features are sought in images at most so wide [px]", 64, 8192},
-           {"--verbose", &o.verbose, "one line a pair"}},
-          [] { return closure::runClosure(o); }};
+void closureReport(CommandLine& program) {
+  static closure::ClosureOptions o;
+  CommandLine& command = program.command("closure", "Loop closures against the truth of simulated missions",
+                                         "", [] { return closure::runClosure(o); });
+  command.add_option("missions", o.missions, "mission folders with full truth")->required();
+  command.add_option("--out", o.out, "folder that gets closure.html and closure.json");
+  command.shown("--every", o.every, "take every so many-th pair of images", 2, 1000);
+  command.shown("--pairs", o.of_each, "pairs of frames of each class");
+  command.shown("--features", o.features.max_features, "features of a frame", 20, 5000);
+  command.shown("--width", o.features.max_width, "features are sought in images at most so wide [px]", 64,
+                8192);
+  command.add_flag("--verbose", o.verbose, "one line a pair");
 }
 
 }  // namespace fathom::bench

@@ -6,16 +6,14 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <vector>
 
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/heap_counter.hpp"
-#include "realtime/onboard/map/mesh_slot.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
-#include "tests/fusion/synthetic_footprint.hpp"
 #include "tests/onboard/synthetic_survey.hpp"
+#include "tests/world/ground.hpp"
 
 namespace fathom::bench {
 namespace {
@@ -167,32 +165,27 @@ bool closure(fusion::QuadtreeConfig config, int meshes, int moved, int quota) {
 }
 
 struct FusionOptions {
-  FusionOptions() {
-    config.max_level = 6;
-    config.max_tiles = 8192;
-  }
-  fusion::QuadtreeConfig config;
+  fusion::QuadtreeConfig config{.max_level = 6, .max_tiles = 8192};
   int pairs = 36000, meshes = 20000, moved = 2000, quota = 6;
 };
 
 }  // namespace
 
-test::Report fusionReport() {
+void fusionReport(CommandLine& program) {
   static FusionOptions o;
-  return {"fusion",
-          "The onboard map at a dive's size: its full pool, and what a closure costs",
-          {{"--max-level", &o.config.max_level, "finest level of 32 m roots"},
-           {"--max-tiles", &o.config.max_tiles, "of the pool"},
-           {"--ratio", &o.config.node_spacing_ratio, "cells over point spacing"},
-           {"--layers", &o.config.layers_per_tile, "of a tile"},
-           {"--pairs", &o.pairs, "of the dive; 0: none"},
-           {"--meshes", &o.meshes, "of the closure; 0: none"},
-           {"--moved", &o.moved, "of these"},
-           {"--quota", &o.quota, "meshes fused again a pair"}},
-          [] {
-            if (o.pairs > 0) dive(o.config, o.pairs);
-            return o.meshes == 0 || closure(o.config, o.meshes, o.moved, o.quota) ? 0 : 1;
-          }};
+  CommandLine& command = program.command(
+      "fusion", "The onboard map at a dive's size: its full pool, and what a closure costs", "", [] {
+        if (o.pairs > 0) dive(o.config, o.pairs);
+        return o.meshes == 0 || closure(o.config, o.meshes, o.moved, o.quota) ? 0 : 1;
+      });
+  command.shown("--max-level", o.config.max_level, "finest level of 32 m roots");
+  command.shown("--max-tiles", o.config.max_tiles, "of the pool");
+  command.shown("--ratio", o.config.node_spacing_ratio, "cells over point spacing");
+  command.shown("--layers", o.config.layers_per_tile, "of a tile");
+  command.shown("--pairs", o.pairs, "of the dive; 0: none");
+  command.shown("--meshes", o.meshes, "of the closure; 0: none");
+  command.shown("--moved", o.moved, "of these");
+  command.shown("--quota", o.quota, "meshes fused again a pair");
 }
 
 }  // namespace fathom::bench

@@ -181,18 +181,18 @@ Table reliability(int seeds) {
 
 }  // namespace
 
-test::Report linkReport() {
+void linkReport(CommandLine& program) {
   static int seeds = 200;
   static bool json = false;
-  return {"link",
-          "Frames over the acoustic link until a set of tiles is complete, by loss",
-          {{"--seeds", &seeds, "runs of each loss", 1, 100000}, {"--json", &json, "the table as JSON"}},
-          [] {
-            Page page("The link");
-            page.add(reliability(seeds));
-            std::printf("%s", json ? page.json().c_str() : page.text().c_str());
-            return kExitSuccess;
-          }};
+  CommandLine& command = program.command(
+      "link", "Frames over the acoustic link until a set of tiles is complete, by loss", "", [] {
+        Page page("The link");
+        page.add(reliability(seeds));
+        std::printf("%s", json ? page.json().c_str() : page.text().c_str());
+        return kExitSuccess;
+      });
+  command.shown("--seeds", seeds, "runs of each loss", 1, 100000);
+  command.add_flag("--json", json, "the table as JSON");
 }
 
 }  // namespace fathom::bench

@@ -107,10 +107,7 @@ void printRecording(const RecordingCost& m, const io::Recorder::Counters& c, con
 
 void live(const std::filesystem::path& folder, const SyntheticDive& dive, const Sizes& sizes,
           const OneImage& image) {
-  io::RecorderConfig config;
-  config.image_reserve_mib = 0;
-  config.log_reserve_mib = 0;
-  config.planned_hours = 1;
+  io::RecorderConfig config{.planned_hours = 1, .image_reserve_mib = 0, .log_reserve_mib = 0};
   std::atomic<std::uint64_t> released{0};
   io::Recorder recorder(
       folder, dive.mission(), dive.rig(), config, [&](const io::CameraFrame&) { return image.view(); },
@@ -140,9 +137,7 @@ void live(const std::filesystem::path& folder, const SyntheticDive& dive, const 
     clock.sleepUntil(start + static_cast<std::int64_t>(n) * SyntheticDive::kInputIntervalNs);
     const io::OnboardInput input = dive.input(n);
     if (const ImageEvent* event = io::imageOf(input)) {
-      io::CameraFrame frame;
-      frame.side = event->side;
-      frame.utc_ns = event->utc_ns;
+      io::CameraFrame frame{.side = event->side, .utc_ns = event->utc_ns};
       measured.refused += timed(measured.image_ns, [&] { return recorder.offerImage(frame); }) ? 0 : 1;
     }
     measured.refused += timed(measured.input_ns, [&] { return recorder.offerInput(input); }) ? 0 : 1;
@@ -203,15 +198,15 @@ int runRecorder(const RecorderOptions& o) {
 
 }  // namespace
 
-test::Report recorderReport() {
+void recorderReport(CommandLine& program) {
   static RecorderOptions o;
-  return {"recorder",
-          "Cost of recording: full-size pairs at 2 Hz onto the disk",
-          {{"--seconds", &o.sizes.seconds, "of the recording", 1, 1e5},
-           {"--width", &o.sizes.width, "of an image [px]"},
-           {"--height", &o.sizes.height, "of an image [px]"},
-           {"--folder", &o.folder, "on the disk to be measured; removed afterwards"}},
-          [] { return runRecorder(o); }};
+  CommandLine& command =
+      program.command("recorder", "Cost of recording: full-size pairs at 2 Hz onto the disk", "",
+                      [] { return runRecorder(o); });
+  command.shown("--seconds", o.sizes.seconds, "of the recording", 1, 1e5);
+  command.shown("--width", o.sizes.width, "of an image [px]");
+  command.shown("--height", o.sizes.height, "of an image [px]");
+  command.add_option("--folder", o.folder, "on the disk to be measured; removed afterwards");
 }
 
 }  // namespace fathom::bench

@@ -1,23 +1,21 @@
 #pragma once
 
-#include "tests/support/report_program.hpp"
+#include "realtime/base/command_line.hpp"
 
 namespace fathom::bench {
 
-using test::required;
-
 // The subcommands of fathom-report.
-[[nodiscard]] test::Report camerasReport();
-[[nodiscard]] test::Report closureReport();
-[[nodiscard]] test::Report colmapReport();
-[[nodiscard]] test::Report enduranceReport();
-[[nodiscard]] test::Report fusionReport();
-[[nodiscard]] test::Report hostileReport();
-[[nodiscard]] test::Report linkReport();
-[[nodiscard]] test::Report realtimeReport();
-[[nodiscard]] test::Report recorderReport();
-[[nodiscard]] test::Report restartReport();
-[[nodiscard]] test::Report slamReport();
-[[nodiscard]] test::Report stereoReport();
+void camerasReport(CommandLine& program);
+void closureReport(CommandLine& program);
+void colmapReport(CommandLine& program);
+void enduranceReport(CommandLine& program);
+void fusionReport(CommandLine& program);
+void hostileReport(CommandLine& program);
+void linkReport(CommandLine& program);
+void realtimeReport(CommandLine& program);
+void recorderReport(CommandLine& program);
+void restartReport(CommandLine& program);
+void slamReport(CommandLine& program);
+void stereoReport(CommandLine& program);
 
 }  // namespace fathom::bench

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
-#include "realtime/onboard/map/mesh_slot.hpp"
+#include "realtime/onboard/map/moving_map.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 #include "recon/closure/frame_features.hpp"
 #include "tests/bench/common/measures.hpp"
@@ -21,9 +21,7 @@ namespace fathom::bench {
 namespace {
 
 using namespace fathom::onboard;
-using onboard::testing::CoresRun;
-using onboard::testing::RecordedMission;
-using onboard::testing::Ship;
+using onboard::testing::CoresRun, onboard::testing::RecordedMission, onboard::testing::Ship;
 
 constexpr double kMega = 1 << 20;
 
@@ -121,13 +119,13 @@ int runRestart(const RestartOptions& options) {
 
 }  // namespace
 
-test::Report restartReport() {
+void restartReport(CommandLine& program) {
   static RestartOptions o;
-  return {"restart",
-          "What a restart costs along a mission: size of the saved state, time to save and to load it",
-          {required({"mission", &o.mission, "recorded mission"}),
-           {"--saves", &o.saves, "times saved along the mission", 1, 10000}},
-          [] { return runRestart(o); }};
+  CommandLine& command = program.command(
+      "restart", "What a restart costs along a mission: size of the saved state, time to save and to load it",
+      "", [] { return runRestart(o); });
+  command.add_option("mission", o.mission, "recorded mission")->required();
+  command.shown("--saves", o.saves, "times saved along the mission", 1, 10000);
 }
 
 }  // namespace fathom::bench

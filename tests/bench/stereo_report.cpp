@@ -1,13 +1,13 @@
 // Stereo against the truth of simulated missions, and against OpenCV in the same run: depth and disparity
-// errors, errors over the stated sigma, and time and height error over the number of features (figure 6 of
-// Johnson-Roberson et al. 2010). Writes stereo.html and stereo.json.
+// errors, errors over the stated sigma, and height error over the number of features (figure 6 of
+// Johnson-Roberson et al. 2010). Times over features: fathom-bench --benchmark_filter=stereo. Writes
+// stereo.html and stereo.json.
 #include <cstdio>
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/stereo/delaunay.hpp"
 #include "recon/stereo/dense_stereo.hpp"
-#include "tests/bench/common/measures.hpp"
 #include "tests/bench/common/opencv_stereo.hpp"
 #include "tests/bench/common/page.hpp"
 #include "tests/bench/reports.hpp"
@@ -16,23 +16,11 @@
 namespace fathom::stereo {
 namespace {
 
-using bench::cell, bench::cpuMs, bench::TrueMission, bench::viewOf;
+using bench::cell, bench::TrueMission, bench::viewOf;
 
 constexpr int kFeatures[] = {200, 400, 800, 1200, 2000, 3000, 4000, 5000};
 constexpr int kReference = 5000;  // features of the mesh that heights are compared with
 constexpr int kStep = 8;          // of the depth images [px]
-constexpr int kRepeats = 3;       // the fastest counts
-
-template <typename Work>
-double fastest(Work work) {
-  double best = INFINITY;
-  for (int k = 0; k < kRepeats; ++k) {
-    const double begin = cpuMs();
-    work();
-    best = std::min(best, cpuMs() - begin);
-  }
-  return best;
-}
 
 std::vector<float> depthOf(const StereoResult& r, int width, int height) {
   std::vector<Eigen::Vector2d> pixels;
@@ -44,26 +32,28 @@ std::vector<float> depthOf(const StereoResult& r, int width, int height) {
   return depthImage(pixels, depth, r.triangles, width, height, kStep);
 }
 
-std::vector<float> depthOf(const OpenCvStereo& peer, int width, int height) {
-  std::vector<Eigen::Vector2d> pixels;
+// With the triangles that they would have in the left image.
+StereoResult resultOf(const OpenCvStereo& peer) {
+  StereoResult r;
   std::vector<Delaunay::Point> lattice;
-  std::vector<double> depth;
   for (std::size_t i = 0; i < peer.points.size(); ++i) {
-    pixels.emplace_back(peer.left[i].x, peer.left[i].y);
+    r.points.emplace_back();
+    r.points.back().left = {peer.left[i].x, peer.left[i].y};
+    r.points.back().right = {peer.right[i].x, peer.right[i].y};
+    r.points.back().point = peer.points[i].cast<float>();
     lattice.push_back({static_cast<std::int32_t>(std::lround(peer.left[i].x)),
                        static_cast<std::int32_t>(std::lround(peer.left[i].y))});
-    depth.push_back(peer.points[i].z());
   }
   Delaunay delaunay;
-  return depthImage(pixels, depth, delaunay.triangulate(lattice), width, height, kStep);
+  r.triangles = delaunay.triangulate(lattice);
+  return r;
 }
 
 struct SweepRow {
   int features = 0;
-  double ms = 0, peer_ms = 0, points = 0, peer_points = 0;  // means over the pairs
+  double points = 0, peer_points = 0;          // means over the pairs
   double height_rms = 0, peer_height_rms = 0;  // against each one's own mesh of 5000 features [m]
   double truth_rms = 0, peer_truth_rms = 0;    // against the true surface [m]
-  std::vector<std::pair<std::string, double>> stage_ms;
 };
 
 struct MissionReport {
@@ -92,55 +82,29 @@ void sweepPair(const TrueMission& mission, std::size_t pair, const TrueMission::
   const ImageView left = viewOf(images.left), right = viewOf(images.right);
   const SeedPlane& plane = mission.pairs()[pair].plane;
   const std::vector<float> truth = trueDepth(mission, pair);
-  SparseStereoConfig config;
-  config.max_features = kReference;
+  SparseStereoConfig config{.max_features = kReference};
   SparseStereo reference(mission.rig(), config);
   const std::vector<float> best = depthOf(reference.process(left, right, plane), width, height);
   OpenCvStereo peer(mission.rig());
   peer.process(images.left, images.right, plane, kReference);
-  const std::vector<float> peer_best = depthOf(peer, width, height);
+  const std::vector<float> peer_best = depthOf(resultOf(peer), width, height);
   for (std::size_t k = 0; k < std::size(kFeatures); ++k) {
     SweepRow& row = rows[k];
     row.features = kFeatures[k];
     config.max_features = row.features;
     SparseStereo stereo(mission.rig(), config);
-    const StereoResult* result = &stereo.process(left, right, plane);
-    Mesh mesh;
-    row.ms += share * fastest([&] {
-                result = &stereo.process(left, right, plane);
-                mesh = toMesh(*result, {});
-              });
-    row.points += share * static_cast<double>(result->points.size());
-    const std::vector<float> depth = depthOf(*result, width, height);
+    const StereoResult& result = stereo.process(left, right, plane);
+    row.points += share * static_cast<double>(result.points.size());
+    const std::vector<float> depth = depthOf(result, width, height);
     row.height_rms += share * rmsDifference(depth, best);
     row.truth_rms += share * rmsDifference(depth, truth);
-    double last = 0;
-    std::size_t stage = 0;
-    stereo.setStageObserver([&](const char* name) {
-      if (row.stage_ms.size() <= stage) row.stage_ms.emplace_back(name, 0.0);
-      row.stage_ms[stage++].second += share * (cpuMs() - last);
-      last = cpuMs();
-    });
-    last = cpuMs();
-    stereo.process(left, right, plane);
 
-    row.peer_ms += share * fastest([&] { peer.process(images.left, images.right, plane, row.features); });
+    peer.process(images.left, images.right, plane, row.features);
     row.peer_points += share * static_cast<double>(peer.points.size());
-    const std::vector<float> peer_depth = depthOf(peer, width, height);
+    const std::vector<float> peer_depth = depthOf(resultOf(peer), width, height);
     row.peer_height_rms += share * rmsDifference(peer_depth, peer_best);
     row.peer_truth_rms += share * rmsDifference(peer_depth, truth);
   }
-}
-
-StereoResult resultOf(const OpenCvStereo& peer) {
-  StereoResult r;
-  for (std::size_t i = 0; i < peer.points.size(); ++i) {
-    r.points.emplace_back();
-    r.points.back().left = {peer.left[i].x, peer.left[i].y};
-    r.points.back().right = {peer.right[i].x, peer.right[i].y};
-    r.points.back().point = peer.points[i].cast<float>();
-  }
-  return r;
 }
 
 MissionReport measure(const std::filesystem::path& folder, std::size_t wanted, std::size_t sweep_pairs) {
@@ -211,27 +175,17 @@ web::Plot depthPlot(const MissionReport& m) {
   return plot;
 }
 
-web::Plot sweepPlot(const MissionReport& m, bool time) {
-  web::Plot plot{.title = m.name + (time ? ": time" : ": height"),
-                 .x = "features wanted",
-                 .y = time ? "CPU time of a pair, one thread [ms]" : "RMS height error [mm]",
-                 .width = 460};
-  const auto curve = [&](auto value, const char* colour, bool dashed, const char* label) {
+web::Plot sweepPlot(const MissionReport& m) {
+  web::Plot plot{
+      .title = m.name + ": height", .x = "features wanted", .y = "RMS height error [mm]", .width = 460};
+  const auto curve = [&](double SweepRow::*rms, const char* colour, bool dashed, const char* label) {
     web::Series line{.label = label, .colour = colour, .dashed = dashed, .size = 2};
-    for (const SweepRow& r : m.sweep) line.at.emplace_back(r.features, value(r));
+    for (const SweepRow& r : m.sweep) line.at.emplace_back(r.features, 1e3 * (r.*rms));
     plot.series.push_back(std::move(line));
   };
-  if (time) {
-    curve([](const SweepRow& r) { return r.ms; }, web::kBlue, false, "Fathom");
-    curve([](const SweepRow& r) { return r.peer_ms; }, web::kRed, false, "OpenCV");
-  } else {
-    curve([](const SweepRow& r) { return 1e3 * r.height_rms; }, web::kBlue, false,
-          "Fathom, against its mesh of 5000 features");
-    curve([](const SweepRow& r) { return 1e3 * r.peer_height_rms; }, web::kRed, false,
-          "OpenCV, against its own");
-    curve([](const SweepRow& r) { return 1e3 * r.truth_rms; }, web::kGreen, true,
-          "Fathom, against the truth");
-  }
+  curve(&SweepRow::height_rms, web::kBlue, false, "Fathom, against its mesh of 5000 features");
+  curve(&SweepRow::peer_height_rms, web::kRed, false, "OpenCV, against its own");
+  curve(&SweepRow::truth_rms, web::kGreen, true, "Fathom, against the truth");
   return plot;
 }
 
@@ -267,24 +221,16 @@ bench::Table accuracyTable(const std::vector<MissionReport>& missions) {
 bench::Table sweepTable(const MissionReport& m) {
   bench::Table table{m.name + ": over the number of features",
                      {{"features", 0},
-                      {"Fathom [ms]", 1},
-                      {"OpenCV [ms]", 1},
-                      {"ratio", 2},
                       {"points", 0},
                       {"OpenCV points", 0},
                       {"height RMS [mm]", 2},
                       {"OpenCV height", 2},
                       {"to the truth [mm]", 2},
-                      {"OpenCV to the truth", 2},
-                      {"stages [ms]", 0}},
+                      {"OpenCV to the truth", 2}},
                      {}};
-  for (const SweepRow& r : m.sweep) {
-    std::string stages;
-    for (const auto& [name, ms] : r.stage_ms) stages += name + " " + decimals(ms, 1) + " ";
-    table.rows.push_back({cell(r.features), r.ms, r.peer_ms, r.ms / r.peer_ms, r.points, r.peer_points,
-                          1e3 * r.height_rms, 1e3 * r.peer_height_rms, 1e3 * r.truth_rms,
-                          1e3 * r.peer_truth_rms, stages});
-  }
+  for (const SweepRow& r : m.sweep)
+    table.rows.push_back({cell(r.features), r.points, r.peer_points, 1e3 * r.height_rms,
+                          1e3 * r.peer_height_rms, 1e3 * r.truth_rms, 1e3 * r.peer_truth_rms});
   return table;
 }
 
@@ -304,8 +250,7 @@ int runStereo(const StereoOptions& options) {
   for (const MissionReport& m : missions) {
     page.report().plot(depthPlot(m));
     if (m.sweep.front().features == 0) continue;
-    page.report().plot(sweepPlot(m, true));
-    page.report().plot(sweepPlot(m, false));
+    page.report().plot(sweepPlot(m));
     page.add(sweepTable(m));
   }
   std::printf("%s", page.text().c_str());
@@ -318,15 +263,15 @@ int runStereo(const StereoOptions& options) {
 
 namespace fathom::bench {
 
-test::Report stereoReport() {
-  static stereo::Options o;
-  return {"stereo",
-          "Stereo against the truth of simulated missions, and against OpenCV",
-          {required({"missions", &o.missions, "simulated mission folders"}),
-           required({"--out", &o.out, "folder that gets stereo.html and stereo.json"}),
-           {"--pairs", &o.pairs, "of each mission, spread over it", 1, 100000},
-           {"--sweep-pairs", &o.sweep_pairs, "of these, for time over features; 0: none"}},
-          [] { return stereo::runStereo(o); }};
+void stereoReport(CommandLine& program) {
+  static stereo::StereoOptions o;
+  CommandLine& command =
+      program.command("stereo", "Stereo against the truth of simulated missions, and against OpenCV", "",
+                      [] { return stereo::runStereo(o); });
+  command.add_option("missions", o.missions, "simulated mission folders")->required();
+  command.add_option("--out", o.out, "folder that gets stereo.html and stereo.json")->required();
+  command.shown("--pairs", o.pairs, "of each mission, spread over it", 1, 100000);
+  command.shown("--sweep-pairs", o.sweep_pairs, "of these, for height over features; 0: none");
 }
 
 }  // namespace fathom::bench

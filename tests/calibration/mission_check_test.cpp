@@ -1,7 +1,6 @@
 #include "recon/topside/calibration/mission_check.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,7 +10,7 @@
 #include "firmware_if/mission/mission.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/topside/commands/check_calibration_command.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
@@ -38,6 +37,12 @@ class Altered {
     StereoRig rig = readStereoCalib(path() / "stereo.calib");
     change(rig);
     writeStereoCalib(path() / "stereo.calib", rig);
+  }
+  // The right camera by three tenths of a degree.
+  void pitchRight() {
+    rig([](StereoRig& rig) {
+      rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
+    });
   }
   template <typename Change>
   void config(const Change& change) {
@@ -96,9 +101,7 @@ TEST(MissionCheck, TheSameMissionGivesTheSameNumbers) {
 
 TEST(MissionCheck, ARightCameraPitchedByThreeTenthsOfADegreeIsNoticedAndMeasured) {
   Altered mission;
-  mission.rig([](StereoRig& rig) {
-    rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
-  });
+  mission.pitchRight();
   const MissionCheck check = checkMission({mission.path(), {}, 200});
   const MissionVerdict verdict = judge(check);
   EXPECT_FALSE(verdict.good);
@@ -153,20 +156,17 @@ TEST(MissionCheck, ACameraMountedThreeDegreesOffIsNoticedAboutEachAxis) {
 
 // The exit code as a shell script gets it.
 int exitCodeOf(std::vector<std::string> arguments) {
-  CLI::App app;
-  CLI::App* command = nullptr;
-  const std::function<int()> run = addCheckCalibrationCommand(app, command);
-  arguments.insert(arguments.begin(), "check-calibration");
-  std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
-  app.parse(arguments);
-  return run();
+  CommandLine app("");
+  addCheckCalibrationCommand(app);
+  arguments.insert(arguments.begin(), {"fathom-topside", "check-calibration"});
+  std::vector<char*> words;
+  for (std::string& argument : arguments) words.push_back(argument.data());
+  return app.run("fathom-topside", static_cast<int>(words.size()), words.data());
 }
 
 TEST(MissionCheck, TheCommandExitsWithZeroForAGoodRigAndWithOneForABadOne) {
   Altered mission;
-  mission.rig([](StereoRig& rig) {
-    rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
-  });
+  mission.pitchRight();
   const test::TemporaryFolder out;
   EXPECT_EQ(exitCodeOf({kMission.string(), "--out", (out.path() / "good").string()}), 0);
   EXPECT_EQ(exitCodeOf({mission.path().string(), "--pairs", "12"}), 1);
@@ -184,9 +184,7 @@ TEST(MissionCheck, ACalibrationOfAnotherImageSizeIsRefusedWithBothSizes) {
 
 TEST(MissionCheck, AnotherMissionsCalibrationCanBeTried) {
   Altered mission;
-  mission.rig([](StereoRig& rig) {
-    rig.T_right_left = SE3::fromEuler(0.3 * kRadiansPerDegree, 0, 0, {0, 0, 0}) * rig.T_right_left;
-  });
+  mission.pitchRight();
   EXPECT_FALSE(judge(checkMission({kMission, mission.path() / "stereo.calib", 12})).good);
 }
 

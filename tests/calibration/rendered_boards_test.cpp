@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <memory>
 #include <sstream>
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/calibration/board_check.hpp"
-#include "recon/geometry/flat_port.hpp"
-#include "recon/topside/commands/calibrate_command.hpp"
+#include "recon/calibration/chessboard.hpp"
+#include "recon/geometry/camera.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/report/board_check_report.hpp"
 #include "sim/boards/board_maker.hpp"
 #include "tests/support/test_data.hpp"
@@ -48,27 +49,21 @@ double epipolarError(const StereoRig& rig, const Eigen::Vector2d& left, const Ei
 class RenderedBoards : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    folder_ = new test::TemporaryFolder;
+    folder_ = std::make_unique<test::TemporaryFolder>();
     renderBoards(folder_->path() / "one", 16, 1);
     renderBoards(folder_->path() / "other", 6, 2);
     topside::CalibrateOptions options;
     options.board = {"9x6", kBoard.square, {}};
     options.board.images.images = {folder_->path() / "one" / "img"};
     options.out = folder_->path() / "stereo.calib";
-    done_ = new calibration::RigCalibration(topside::runCalibrate(options));
+    done_ = topside::runCalibrate(options);
     truth_ = readStereoCalib(folder_->path() / "one" / "truth" / "stereo.calib");
   }
-  static void TearDownTestSuite() {
-    delete done_;
-    delete folder_;
-  }
-  static test::TemporaryFolder* folder_;
-  static calibration::RigCalibration* done_;
-  static StereoRig truth_;
+  static void TearDownTestSuite() { folder_.reset(); }
+  inline static std::unique_ptr<test::TemporaryFolder> folder_;
+  inline static calibration::RigCalibration done_;
+  inline static StereoRig truth_;
 };
-test::TemporaryFolder* RenderedBoards::folder_ = nullptr;
-calibration::RigCalibration* RenderedBoards::done_ = nullptr;
-StereoRig RenderedBoards::truth_;
 
 TEST_F(RenderedBoards, CornersAreFoundWhereTheTruthHasThem) {
   const topside::BoardImages found = boardsIn(folder_->path() / "other");
@@ -102,22 +97,22 @@ TEST_F(RenderedBoards, CornersAreFoundWhereTheTruthHasThem) {
 
 TEST_F(RenderedBoards, CalibrationRecoversTheTrueRig) {
   std::printf("stereo RMS %.3f px; baseline %.3f +- %.3f mm (true %.3f); fx %.2f +- %.2f px (true %.2f)\n",
-              done_->stereo_rms, 1e3 * done_->rig.baseline(), 1e3 * done_->sigma.baseline,
-              1e3 * truth_.baseline(), done_->rig.left.fx, done_->sigma.left.fx, truth_.left.fx);
-  EXPECT_TRUE(done_->dropped.empty());
-  EXPECT_LT(done_->stereo_rms, 0.1);
-  EXPECT_NEAR(done_->rig.baseline(), truth_.baseline(), 0.0002);
+              done_.stereo_rms, 1e3 * done_.rig.baseline(), 1e3 * done_.sigma.baseline,
+              1e3 * truth_.baseline(), done_.rig.left.fx, done_.sigma.left.fx, truth_.left.fx);
+  EXPECT_TRUE(done_.dropped.empty());
+  EXPECT_LT(done_.stereo_rms, 0.1);
+  EXPECT_NEAR(done_.rig.baseline(), truth_.baseline(), 0.0002);
   for (const auto& [estimate, truth] :
-       {std::pair(done_->rig.left, truth_.left), std::pair(done_->rig.right, truth_.right)}) {
+       {std::pair(done_.rig.left, truth_.left), std::pair(done_.rig.right, truth_.right)}) {
     EXPECT_NEAR(estimate.fx / truth.fx, 1.0, 0.001);
     EXPECT_NEAR(estimate.fy / truth.fy, 1.0, 0.001);
   }
   // True corners must be on the estimated rig's epipolar lines.
   double worst = 0;
-  for (const auto& view : done_->views)
+  for (const auto& view : done_.views)
     for (const Eigen::Vector3d& point : calibration::boardPoints(kBoard)) {
       const Eigen::Vector3d in_left = view.T_left_board * point;
-      worst = std::max(worst, epipolarError(done_->rig, truth_.left.project(in_left),
+      worst = std::max(worst, epipolarError(done_.rig, truth_.left.project(in_left),
                                             truth_.right.project(truth_.T_right_left * in_left)));
     }
   std::printf("worst epipolar error of true corners %.3f px\n", worst);
@@ -126,8 +121,8 @@ TEST_F(RenderedBoards, CalibrationRecoversTheTrueRig) {
 
 TEST_F(RenderedBoards, OtherBoardsTriangulateToTwoCentimetresAtTwoMetres) {
   topside::BoardImages images = boardsIn(folder_->path() / "other");
-  (void)calibration::alignBoards(done_->rig.left, done_->rig.right, kBoard, images.views);
-  const calibration::BoardCheck check = calibration::checkBoards(done_->rig, kBoard, images.views);
+  (void)calibration::alignBoards(done_.rig.left, done_.rig.right, kBoard, images.views);
+  const calibration::BoardCheck check = calibration::checkBoards(done_.rig, kBoard, images.views);
   ASSERT_EQ(check.boards.size(), 6u);
   for (const calibration::BoardError& board : check.boards) {
     constexpr double kAllowed = 0.02, kAt = 2.0;  // [m]: the reference's
@@ -145,7 +140,7 @@ TEST_F(RenderedBoards, OtherBoardsTriangulateToTwoCentimetresAtTwoMetres) {
 
 TEST_F(RenderedBoards, ARightCameraTurnedByATenthOfADegreeIsDetected) {
   topside::BoardImages images = boardsIn(folder_->path() / "other");
-  StereoRig turned = done_->rig;
+  StereoRig turned = done_.rig;
   turned.T_right_left = SE3::fromEuler(0, degreesToRadians(0.1), 0, {0, 0, 0}) * turned.T_right_left;
   (void)calibration::alignBoards(turned.left, turned.right, kBoard, images.views);
   const topside::BoardVerdict verdict =

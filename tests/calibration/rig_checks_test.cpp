@@ -6,10 +6,9 @@
 #include <random>
 
 #include "realtime/base/units.hpp"
-#include "recon/calibration/epipolar_check.hpp"
-#include "recon/calibration/rig_watch.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "recon/calibration/sensor_checks.hpp"
-#include "tests/calibration/synthetic_boards.hpp"
+#include "tests/world/rigs.hpp"
 
 namespace fathom::calibration {
 namespace {

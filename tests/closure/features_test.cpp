@@ -4,19 +4,19 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <random>
 #include <vector>
 
+#include "recon/closure/dot_kernels.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/registration.hpp"
-#include "tests/closure/seafloor.hpp"
 #include "tests/support/strip_mask.hpp"
+#include "tests/world/pictures.hpp"
 
 namespace fathom::closure {
 namespace {
 
-using test::lookingDown;
-using test::Seafloor;
-using test::smallRig;
+using test::lookingDown, test::Seafloor, test::smallRig;
 
 Seafloor slope() {
   return {[](double n, double e) { return 2.0 + 0.15 * n - 0.1 * e; }, test::randomTexture(0.006, 9)};
@@ -25,7 +25,7 @@ Seafloor slope() {
 FrameFeatures sample(const FeatureConfig& config = {}) {
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
   FeatureExtractor extractor(smallRig(), config);
-  return extractor.process(images.leftView(), images.rightView());
+  return extractor.process(images.first.view(), images.second.view());
 }
 
 TEST(Features, AreOnTheTrueSurfaceWithinTheirCovariance) {
@@ -57,7 +57,7 @@ TEST(Features, AreSpreadOverTheImageAndNotMoreThanWanted) {
 
 TEST(Features, AreNoneWhereAMaskHidesEitherImage) {
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
-  ImageView left = images.leftView(), right = images.rightView();
+  ImageView left = images.first.view(), right = images.second.view();
   const ImageMask in_left = test::stripMask(left.width, left.height, 0, 150),
                   in_right = test::stripMask(right.width, right.height, 300, 350);
   left.mask = &in_left;
@@ -80,7 +80,7 @@ TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
   const ImageView small{grey.data(), 240, 384, 240, PixelFormat::kMono, 8};
   EXPECT_EQ(extractor.process(flat, small).size(), 0U);
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
-  EXPECT_EQ(extractor.process(images.leftView(), images.rightView(), {3.0, 2.0}).size(), 0U);
+  EXPECT_EQ(extractor.process(images.first.view(), images.second.view(), {3.0, 2.0}).size(), 0U);
 }
 
 // The same ground from two sides, each view tilted by 50 degrees.
@@ -101,7 +101,7 @@ TEST(Features, OfAnObliqueViewAreThoseOfAViewFromAboveSoThatTheyMatchFromAllSide
       const auto images = test::shoot(flat, smallRig(), poses[k], static_cast<std::uint32_t>(k));
       FeatureExtractor extractor(smallRig(), {});
       const Eigen::Vector3d down = poses[k].rotation().conjugate() * Eigen::Vector3d::UnitZ();
-      seen[k] = extractor.process(images.leftView(), images.rightView(), {0.5, 10},
+      seen[k] = extractor.process(images.first.view(), images.second.view(), {0.5, 10},
                                   above ? down : Eigen::Vector3d::UnitZ());
     }
     Registrar registrar(smallRig(), {});
@@ -118,7 +118,7 @@ TEST(Features, OfAnObliqueViewAreThoseOfAViewFromAboveSoThatTheyMatchFromAllSide
 TEST(Features, AreHardlyFoundWhereTheSeafloorIsNot) {
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
   FeatureExtractor extractor(smallRig(), {});
-  EXPECT_LT(extractor.process(images.leftView(), images.rightView(), {8.0, 12.0}).size(), 5U);
+  EXPECT_LT(extractor.process(images.first.view(), images.second.view(), {8.0, 12.0}).size(), 5U);
 }
 
 TEST(Features, RefuseAConfigurationOutOfRange) {
@@ -172,6 +172,34 @@ TEST(FeatureSlot, HoldsAnEmptyFrame) {
   ASSERT_TRUE(writeSlot(none, slot));
   EXPECT_TRUE(readSlot(slot, back));
   EXPECT_EQ(back.size(), 0U);
+}
+
+// Values as descriptors have them, the largest among them.
+std::vector<std::int16_t> vectors(int count, unsigned seed) {
+  std::mt19937 random(seed);
+  std::vector<std::int16_t> values(static_cast<std::size_t>(count) * kDotLength);
+  for (std::int16_t& v : values) v = static_cast<std::int16_t>(random() % 256);
+  for (std::size_t k = 0; k < kDotLength && !values.empty(); ++k) values[k] = 255;
+  return values;
+}
+
+TEST(DotProducts, AreExactInEveryInstructionSetForAnyNumberOfVectors) {
+  for (const auto& [n, m] : {std::pair{0, 5}, {5, 0}, {1, 1}, {3, 4}, {7, 9}, {33, 34}}) {
+    const auto x = vectors(n, 1), y = vectors(m, 2);
+    std::vector<float> expected(static_cast<std::size_t>(n * m)), fastest(expected), baseline(expected);
+    for (int j = 0; j < m; ++j)
+      for (int i = 0; i < n; ++i) {
+        long sum = 0;
+        for (int k = 0; k < kDotLength; ++k)
+          sum += static_cast<long>(x[static_cast<std::size_t>(kDotLength * i + k)]) *
+                 y[static_cast<std::size_t>(kDotLength * j + k)];
+        expected[static_cast<std::size_t>(i + n * j)] = static_cast<float>(sum);
+      }
+    fastestDotProducts()(x.data(), n, y.data(), m, fastest.data());
+    baselineDotProducts()(x.data(), n, y.data(), m, baseline.data());
+    EXPECT_EQ(fastest, expected) << n << " x " << m;
+    EXPECT_EQ(baseline, expected) << n << " x " << m;
+  }
 }
 
 }  // namespace

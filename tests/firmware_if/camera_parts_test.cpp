@@ -7,10 +7,8 @@
 
 #include "firmware_if/devices/camera/camera_clock_map.hpp"
 #include "firmware_if/devices/camera/camera_config.hpp"
-#include "firmware_if/devices/camera/first_frame_wait.hpp"
-#include "firmware_if/devices/camera/frame_id_unwrap.hpp"
 #include "firmware_if/devices/camera/pixel_unpack.hpp"
-#include "realtime/base/input_error.hpp"
+#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
@@ -366,13 +364,8 @@ TEST(CameraConfig, ReadsEveryKey) {
 }
 
 TEST(CameraConfig, RefusesWhatCannotBeWithALineThatSaysWhy) {
-  const auto refusal = [](const std::string& text) -> std::string {
-    try {
-      (void)configOf("[cameras]\n" + text);
-    } catch (const InputError& e) {
-      return e.what();
-    }
-    return "";
+  const auto refusal = [](const std::string& text) {
+    return test::refusal([&] { (void)configOf("[cameras]\n" + text); });
   };
   EXPECT_NE(refusal("left = \"A\"\nright = \"A\"\n").find("same camera"), std::string::npos);
   EXPECT_NE(refusal("left = \"A\"\n").find("right"), std::string::npos);

@@ -2,10 +2,7 @@
 #include <gtest/gtest.h>
 #include <linux/can/error.h>
 
-#include <cstdio>
-#include <filesystem>
 #include <fstream>
-#include <vector>
 
 #include "firmware_if/devices/can/bus/can_source.hpp"
 #include "firmware_if/devices/can/bus/socket_can.hpp"
@@ -109,9 +106,7 @@ TEST(RawCan, RecordsReadBackAsTheyWere) {
   RawCanWriter writer;
   std::vector<CanFrame> frames;
   for (std::uint8_t size = 0; size <= 8; ++size) {
-    CanFrame frame;
-    frame.id = 0x1FFFFFFFU - size;
-    frame.size = size;
+    CanFrame frame{.utc_ns = {}, .id = 0x1FFFFFFFU - size, .size = size};
     for (std::uint8_t i = 0; i < size; ++i) frame.data[i] = static_cast<std::uint8_t>(0xF0 + i);
     frame.utc_ns = kVehicle + size * 1'234'000;
     frames.push_back(frame);
@@ -161,11 +156,10 @@ TEST(RawCan, TheMissionsLogIsDecodedAsACaptureIs) {
   {
     LogEventWriter log(path);
     RawCanWriter writer;
-    CanFrame frame;
-    frame.id = 0x09F112CC;
-    frame.size = 8;
-    frame.data = {0xFF, 0x72, 0x5A, 0xFF, 0x7F, 0xFF, 0x7F, 0xFD};
-    frame.utc_ns = kVehicle;
+    CanFrame frame{.utc_ns = kVehicle,
+                   .id = 0x09F112CC,
+                   .size = 8,
+                   .data = {0xFF, 0x72, 0x5A, 0xFF, 0x7F, 0xFF, 0x7F, 0xFD}};
     ASSERT_TRUE(writer.add(frame, false));
     ASSERT_TRUE(writer.add(frame, true));
     log.write(kVehicle / 1000, "RAW_DVL", encodeRaw(kVehicle, writer.bytes()));
@@ -289,9 +283,7 @@ TEST(CanSource, WithoutAnInterfaceItWaitsAndSaysSo) {
     }
   } sink;
   rt::RealClock clock;
-  CanConfig config;
-  config.interface = "can-absent";
-  config.send = true;
+  CanConfig config{.interface = "can-absent", .samples = {}, .send = true, .sender = {}};
   CanSource source(config, clock);
   const std::int64_t before = clock.monotonicNs();
   EXPECT_FALSE(source.poll(20, sink));

@@ -1,12 +1,10 @@
 // The real NMEA 2000 captures against what canboat's analyzer said of them.
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <sstream>
 
 #include "firmware_if/devices/can/can_text.hpp"
 #include "firmware_if/devices/can/n2k_decoder.hpp"
@@ -104,9 +102,8 @@ TEST(CanCapture, EveryDecodeOfTheSampleAgreesWithCanboats) {
   std::ifstream in(test::dataFile("can/candumpSample3.json"));
   for (std::string line; std::getline(in, line);) {
     const json message = json::parse(line);
-    if (message.contains("pgn") && findN2kPgn(message["pgn"].get<std::uint32_t>()) != nullptr) {
+    if (message.contains("pgn") && findN2kPgn(message["pgn"].get<std::uint32_t>()) != nullptr)
       theirs.push_back(message);
-    }
   }
   ASSERT_EQ(ours.size(), theirs.size());
 
@@ -141,9 +138,8 @@ TEST(CanCapture, EveryDecodeOfTheSampleAgreesWithCanboats) {
           << a << "\n"
           << b;
     }
-    for (const auto& [name, value] : a["fields"].items()) {
+    for (const auto& [name, value] : a["fields"].items())
       EXPECT_TRUE(canboatNames().at(pgn).contains(name)) << pgn << " " << name << " is not checked";
-    }
   }
   EXPECT_EQ(counts[127250], 175);
   EXPECT_EQ(counts[127251], 175);
@@ -169,9 +165,8 @@ std::vector<CanboatRow> readCanboatRows(const std::filesystem::path& path) {
     row.id.pgn = static_cast<std::uint32_t>(std::stoul(words.at(2)));
     row.id.source = static_cast<std::uint8_t>(std::stoul(words.at(3)));
     row.id.destination = static_cast<std::uint8_t>(std::stoul(words.at(4)));
-    for (std::size_t i = 6; i < words.size(); ++i) {
+    for (std::size_t i = 6; i < words.size(); ++i)
       row.bytes.push_back(static_cast<std::uint8_t>(std::stoul(words[i], nullptr, 16)));
-    }
     rows.push_back(row);
   }
   return rows;
@@ -231,8 +226,7 @@ TEST(CanCapture, FastPacketsAreRecombinedAsCanboatRecombinesThem) {
   std::vector<std::pair<std::uint32_t, std::vector<std::uint8_t>>> packets;
   for (const CanboatRow& row : readCanboatRows(test::dataFile("can/recombine-frames.in"))) {
     if (row.id.pgn == 130311) continue;  // a single frame
-    CanFrame frame;
-    frame.size = static_cast<std::uint8_t>(row.bytes.size());
+    CanFrame frame{.utc_ns = {}, .size = static_cast<std::uint8_t>(row.bytes.size())};
     std::copy(row.bytes.begin(), row.bytes.end(), frame.data.begin());
     const auto packet = assembler.add(row.id, frame);
     if (!packet.empty())

@@ -2,7 +2,6 @@
 
 #include <array>
 #include <bit>
-#include <cmath>
 #include <vector>
 
 #include "firmware_if/devices/can/n2k_definitions.hpp"
@@ -15,9 +14,8 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 
 CanFrame frameOf(std::uint32_t pgn, std::uint8_t source, const Bytes& bytes) {
-  CanFrame frame;
-  frame.id = (2U << 26) | (pgn << 8) | source;
-  frame.size = static_cast<std::uint8_t>(bytes.size());
+  CanFrame frame{
+      .utc_ns = {}, .id = (2U << 26) | (pgn << 8) | source, .size = static_cast<std::uint8_t>(bytes.size())};
   std::copy(bytes.begin(), bytes.end(), frame.data.begin());
   return frame;
 }
@@ -117,12 +115,10 @@ TEST(FastPacket, AFrameZeroThatIsLostDoesNotFinishAnOlderPacket) {
   const auto old_packet = split(129029, 1, 5, Bytes(43, 0xAA));
   const auto new_packet = split(129029, 1, 5, Bytes(43, 0xBB));
   // The old packet lacks its last frame; of the new one, frame 0 is lost.
-  for (std::size_t i = 0; i + 1 < old_packet.size(); ++i) {
+  for (std::size_t i = 0; i + 1 < old_packet.size(); ++i)
     EXPECT_TRUE(assembler.add(parseN2kId(old_packet[i].id), old_packet[i]).empty());
-  }
-  for (std::size_t i = 1; i < new_packet.size(); ++i) {
+  for (std::size_t i = 1; i < new_packet.size(); ++i)
     EXPECT_TRUE(assembler.add(parseN2kId(new_packet[i].id), new_packet[i]).empty());
-  }
   EXPECT_EQ(assembler.counts().incomplete, 1U);
 }
 
@@ -142,9 +138,8 @@ TEST(FastPacket, WhenAllSlotsAreBusyTheOldestIsDroppedAndCounted) {
   const auto a = split(129029, 1, 0, counting(10));
   const auto b = split(129029, 2, 0, counting(10));
   const auto c = split(129029, 3, 0, counting(10));
-  for (const auto* packet : {&a, &b, &c}) {
+  for (const auto* packet : {&a, &b, &c})
     EXPECT_TRUE(assembler.add(parseN2kId((*packet)[0].id), (*packet)[0]).empty());
-  }
   EXPECT_EQ(assembler.counts().incomplete, 1U);
   EXPECT_TRUE(assembler.add(parseN2kId(a[1].id), a[1]).empty());
   EXPECT_FALSE(assembler.add(parseN2kId(b[1].id), b[1]).empty());
@@ -164,10 +159,7 @@ TEST(FastPacket, ImpossibleLengthsAndShortFramesAreBroken) {
 
 TEST(N2kDecoder, AWholeMessageIsDecodedAsItsFramesAre) {
   N2kDecoder decoder;
-  N2kPacket packet;
-  packet.utc_ns = 5;
-  packet.id = {3, 129029, 36, 255};
-  packet.size = 43;
+  N2kPacket packet{.utc_ns = 5, .id = {3, 129029, 36, 255}, .size = 43};
   ASSERT_NE(decoder.add(packet), nullptr);
   EXPECT_EQ(decoder.add(packet)->utc_ns, 5);
   EXPECT_EQ(decoder.add(packet)->id.source, 36);
@@ -179,14 +171,12 @@ TEST(N2kDecoder, AWholeMessageIsDecodedAsItsFramesAre) {
 
 TEST(N2kDecoder, HighestValuesOfAFieldAreAbsentAndTheOneBelowIsANumber) {
   // Heading: unsigned 16 bits from byte 1; 0xFFFF not available, 0xFFFE out of range, 0xFFFD reserved.
-  for (const std::uint8_t low : {0xFF, 0xFE, 0xFD}) {
+  for (const std::uint8_t low : {0xFF, 0xFE, 0xFD})
     EXPECT_FALSE(decode(127250, {0, low, 0xFF, 0xFF, 0x7F, 0xFF, 0x7F, 0xFF}).number("heading_rad"));
-  }
   EXPECT_DOUBLE_EQ(*decode(127250, {0, 0xFC, 0xFF, 0, 0, 0, 0, 0}).number("heading_rad"), 6.5532);
   // Yaw: signed 16 bits; the reserved values are the highest positive ones.
-  for (const std::uint8_t low : {0xFF, 0xFE, 0xFD}) {
+  for (const std::uint8_t low : {0xFF, 0xFE, 0xFD})
     EXPECT_FALSE(decode(127257, {0, low, 0x7F, 0, 0, 0, 0, 0}).number("yaw_rad"));
-  }
   EXPECT_DOUBLE_EQ(*decode(127257, {0, 0xFC, 0x7F, 0xFF, 0xFF, 0x00, 0x80, 0}).number("yaw_rad"), 3.2764);
   EXPECT_DOUBLE_EQ(*decode(127257, {0, 0xFC, 0x7F, 0xFF, 0xFF, 0x00, 0x80, 0}).number("pitch_rad"), -0.0001);
   EXPECT_DOUBLE_EQ(*decode(127257, {0, 0xFC, 0x7F, 0xFF, 0xFF, 0x00, 0x80, 0}).number("roll_rad"), -3.2768);

@@ -1,12 +1,8 @@
 #include "firmware_if/devices/can/samples/n2k_samples.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
-#include <cmath>
-#include <numbers>
 #include <variant>
-#include <vector>
 
 #include "firmware_if/devices/can/can_text.hpp"
 #include "firmware_if/devices/can/send/n2k_encoder.hpp"

@@ -1,7 +1,6 @@
 #include "firmware_if/devices/can/send/can_sender.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <algorithm>
 #include <set>
@@ -16,7 +15,6 @@
 namespace fathom::io {
 namespace {
 
-using ::testing::Contains;
 using ::testing::ElementsAre;
 using Bytes = std::vector<std::uint8_t>;
 
@@ -33,9 +31,9 @@ Bytes littleEndian(std::uint64_t value, std::size_t size) {
 
 CanFrame addressedFrame(std::uint32_t pgn, std::uint8_t source, std::uint8_t destination,
                         const Bytes& bytes) {
-  CanFrame frame;
-  frame.id = makeN2kId({6, pgn, source, destination});
-  frame.size = static_cast<std::uint8_t>(bytes.size());
+  CanFrame frame{.utc_ns = {},
+                 .id = makeN2kId({6, pgn, source, destination}),
+                 .size = static_cast<std::uint8_t>(bytes.size())};
   std::ranges::copy(bytes, frame.data.begin());
   return frame;
 }
@@ -60,19 +58,17 @@ class CanSenderTest : public ::testing::Test {
     ASSERT_EQ(run(sender, 0.25).size(), 1U);
   }
   VehicleReport report() const {
-    VehicleReport out;
-    out.utc_ns = now_ns_;
-    out.latitude = -33.8568 * kRadiansPerDegree;
-    out.longitude = 151.2153 * kRadiansPerDegree;
-    out.sigma_horizontal = 0.35;
-    out.depth = 12.345;
-    out.altitude = 2.04;
-    out.map_area = 1234.4;
-    out.pairs_mapped = 70'000;
-    out.pairs_dropped = 3;
-    out.health = 0x0140;
-    out.mission_progress = 0.25;
-    return out;
+    return VehicleReport{.utc_ns = now_ns_,
+                         .latitude = -33.8568 * kRadiansPerDegree,
+                         .longitude = 151.2153 * kRadiansPerDegree,
+                         .sigma_horizontal = 0.35,
+                         .depth = 12.345,
+                         .altitude = 2.04,
+                         .map_area = 1234.4,
+                         .pairs_mapped = 70'000,
+                         .pairs_dropped = 3,
+                         .health = 0x0140,
+                         .mission_progress = 0.25};
   }
   static std::vector<N2kMessage> decode(const std::vector<CanFrame>& frames) {
     N2kDecoder decoder;

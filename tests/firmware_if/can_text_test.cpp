@@ -54,9 +54,8 @@ TEST(Candump, WhatIsNoExtendedDataFrameIsOtherAndNotBroken) {
         "can0 09F112CC [9] 01", "can0 09F112CC 01 02", "()", "( ) a b"}) {
     EXPECT_EQ(parseCandumpLine(broken, frame), CanLine::kBroken) << broken;
   }
-  for (const char* blank : {"", "   ", "\r", "# a comment"}) {
+  for (const char* blank : {"", "   ", "\r", "# a comment"})
     EXPECT_EQ(parseCandumpLine(blank, frame), CanLine::kBlank) << blank;
-  }
 }
 
 TEST(Candump, TheReaderTakesLinesCutAnywhereAndALastOneWithoutItsEnd) {

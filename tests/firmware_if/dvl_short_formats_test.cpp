@@ -1,16 +1,13 @@
 // PD4, PD5 and PD6: ensembles built byte by byte from the guide's tables, and lines in its form.
 #include <gmock/gmock.h>
 
-#include <cmath>
 #include <random>
-#include <string>
 
 #include "firmware_if/devices/dvl/dvl_sample.hpp"
 #include "firmware_if/devices/dvl/dvl_source.hpp"
 #include "firmware_if/devices/dvl/pd45_decoder.hpp"
 #include "firmware_if/devices/dvl/pd6_decoder.hpp"
 #include "realtime/base/bytes/byte_order.hpp"
-#include "realtime/base/civil_time.hpp"
 #include "realtime/base/units.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 
@@ -76,11 +73,7 @@ std::vector<Pd45Ensemble> decodeAll(Decoder& decoder, std::span<const std::uint8
 
 TEST(Pd45, FieldsStandWhereTheGuideHasThem) {
   for (const bool pd5 : {false, true}) {
-    Pd45Builder builder;
-    builder.pd5 = pd5;
-    builder.pitch = 150;
-    builder.roll = -250;
-    builder.heading = 12345;
+    Pd45Builder builder{.pd5 = pd5, .pitch = 150, .roll = -250, .heading = 12345};
     Pd45Decoder decoder;
     const auto found = decodeAll(decoder, builder.bytes(), 1000);
     ASSERT_EQ(found.size(), 1u);
@@ -106,8 +99,7 @@ TEST(Pd45, FieldsStandWhereTheGuideHasThem) {
 
 TEST(Pd45, VelocityIsTheInstrumentsOwnForwardStarboardDown) {
   for (const std::uint8_t frame : {1, 2}) {
-    Pd45Builder builder;
-    builder.frame = frame;
+    Pd45Builder builder{.frame = frame};
     Pd45Decoder decoder;
     const auto found = decodeAll(decoder, builder.bytes(), 1000);
     ASSERT_EQ(found.size(), 1u);
@@ -120,8 +112,7 @@ TEST(Pd45, VelocityIsTheInstrumentsOwnForwardStarboardDown) {
 }
 
 TEST(Pd45, EarthVelocityIsTurnedBackByPd5sAttitudeAndAbsentInPd4) {
-  Pd45Builder builder;
-  builder.frame = 3;
+  Pd45Builder builder{.frame = 3};
   builder.velocity = {1000, 0, 0, 0};  // east
   builder.heading = 9000;
   builder.pd5 = true;
@@ -151,11 +142,10 @@ TEST(Pd45, TheDayIsTheOneNearest) {
 }
 
 TEST(Pd45, AbsentIsNeverANumber) {
-  Pd45Builder builder;
-  builder.velocity = {-32768, -32768, -32768, -32768};
-  builder.range = {0, 210, 0, 0};
-  builder.time = {24, 0, 0, 0};
-  builder.sound_speed = 0;
+  Pd45Builder builder{.velocity = {-32768, -32768, -32768, -32768},
+                      .range = {0, 210, 0, 0},
+                      .time = {24, 0, 0, 0},
+                      .sound_speed = 0};
   Pd45Decoder decoder;
   const auto found = decodeAll(decoder, builder.bytes(), 1000);
   ASSERT_EQ(found.size(), 1u);
@@ -171,9 +161,7 @@ TEST(Pd45, EnsemblesAmongNoiseAreFoundHoweverTheBytesAreCut) {
   for (int i = 0; i < 60; ++i) {
     for (std::size_t k = random() % 80; k > 0; --k)
       stream.push_back(random() % 5 == 0 ? 0x7D : static_cast<std::uint8_t>(random()));
-    Pd45Builder builder;
-    builder.pd5 = i % 2 == 0;
-    builder.sound_speed = static_cast<std::uint16_t>(1400 + i);
+    Pd45Builder builder{.pd5 = i % 2 == 0, .sound_speed = static_cast<std::uint16_t>(1400 + i)};
     Bytes bytes = builder.bytes();
     if (i % 10 == 9) bytes[20] ^= 0x10;
     stream.insert(stream.end(), bytes.begin(), bytes.end());
@@ -337,8 +325,7 @@ TEST(DvlSource, TheFormatIsRecognisedByItsFirstEnsembleAndAgainAfterASilence) {
 
 TEST(DvlSource, AConfiguredFormatReadsNothingElse) {
   const Bytes text(kPd6.begin(), kPd6.end());
-  DvlConfig config;
-  config.format = DvlConfig::Format::kPd0;
+  DvlConfig config{.device = {}, .format = DvlConfig::Format::kPd0};
   DvlSource source(
       config, [] { return kMidnight; }, std::make_unique<OneRead>(std::vector<Bytes>{text}));
   Count sink;

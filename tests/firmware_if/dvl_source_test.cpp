@@ -2,24 +2,20 @@
 
 #include <gmock/gmock.h>
 
-#include <chrono>
 #include <deque>
 #include <random>
 #include <thread>
 
-#include "realtime/base/civil_time.hpp"
 #include "realtime/base/units.hpp"
 #include "tests/firmware_if/pd0_builder.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/pty_line.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
-using test::refusal;
-using ::testing::HasSubstr;
+using test::refusal, ::testing::HasSubstr;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::int64_t kFirstPing_ns = 1'700'000'000 * kSecond_ns;
@@ -179,7 +175,7 @@ TEST(DvlSource, TakesNoMemoryOnceItHasRun) {
   for (int i = 0; i < 50; ++i) {
     line.send(bytes);
     while (kept.samples.size() < static_cast<std::size_t>(i) + 2) source.poll(1000, kept);
-    source.updateHealth(health);
+    health = source.health();
   }
   const auto cost = test::threadCost() - before;
   EXPECT_EQ(health.samples, 51u);
@@ -244,8 +240,7 @@ TEST(DvlSource, ARealDiveComesThroughAFileAsThroughTheDecoder) {
   DvlSource source({.device = "file:" + test::dataFile("dvl/adcp.adc").string()},
                    [] { return kFirstPing_ns; });
   Kept kept;
-  while (source.poll(0, kept)) {
-  }
+  while (source.poll(0, kept)) continue;
   // As data/README.md has it from independent decoders.
   EXPECT_EQ(counter(source, "ensembles"), 4132u);
   std::size_t with_velocity = 0;

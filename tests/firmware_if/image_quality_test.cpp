@@ -9,17 +9,14 @@
 namespace fathom::io {
 namespace {
 
-using test::kHeight;
-using test::kWidth;
-using test::syntheticPicture;
-using test::viewOf;
+using test::kHeight, test::kWidth;
 
 TEST(ImageQuality, EdgesWidenWithBlurWhateverTheContrast) {
   for (const double light : {0.6, 1.0}) {
     double before = 0;
     for (const double blur : {0.0, 1.0, 2.0, 3.0}) {
       if (light < 1 && blur > 2) continue;  // drowned in noise
-      const ImageQuality quality = measureImage(viewOf(syntheticPicture(blur, light)));
+      const ImageQuality quality = measureImage(test::viewOf(test::syntheticPicture(blur, light)));
       ASSERT_GE(quality.edges, ImageQuality::kFewestEdges) << blur;
       EXPECT_GT(quality.edge_width_px, before);
       EXPECT_NEAR(quality.edge_width_px, std::max(2.0, std::sqrt(2 * std::numbers::pi) * blur), 1.5)
@@ -34,7 +31,7 @@ TEST(ImageQuality, NoiseAloneHasNoEdges) {
   std::normal_distribution<double> noise(60, 4);
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(kWidth) * kHeight);
   for (auto& byte : bytes) byte = static_cast<std::uint8_t>(noise(random));
-  EXPECT_EQ(measureImage(viewOf(bytes)).edge_width_px, 0);
+  EXPECT_EQ(measureImage(test::viewOf(bytes)).edge_width_px, 0);
   EXPECT_EQ(measureImage({}).edges, 0);
 }
 

@@ -16,8 +16,7 @@
 namespace fathom::io {
 namespace {
 
-using test::refusal;
-using ::testing::HasSubstr;
+using test::refusal, ::testing::HasSubstr;
 
 constexpr std::int64_t kNow = 1'700'000'000 * kSecond_ns;
 
@@ -55,14 +54,11 @@ class LcmSourceTest : public ::testing::Test {
 
 TEST_F(LcmSourceTest, EveryKindOfSampleComesThroughWhole) {
   LcmSource source(everything(), bus, "sirius", [] { return kNow; });
-  DvlSample dvl;
-  dvl.utc_ns = kNow - 1;
-  dvl.velocity = Eigen::Vector3d(1, -0.5, 0.25);
-  dvl.range = {1.0, 2.0, std::nullopt, 4.0};
-  dvl.altitude = 1.75;
-  BatterySample battery;
-  battery.utc_ns = kNow - 2;
-  battery.voltage = 26.5;
+  DvlSample dvl{.utc_ns = kNow - 1,
+                .velocity = Eigen::Vector3d(1, -0.5, 0.25),
+                .range = {1.0, 2.0, std::nullopt, 4.0},
+                .altitude = 1.75};
+  BatterySample battery{.utc_ns = kNow - 2, .voltage = 26.5, .current = {}, .charge = {}};
   const std::vector<SensorSample> sent = {
       dvl,
       AttitudeSample{kNow - 3, 0.1, 0.2, 0.3, false},

@@ -76,16 +76,16 @@ TEST(HealthReport, FillingTakesNoMemoryAndStopsWhenFull) {
 }
 
 TEST(PoseReport, BothMessagesSayTheSamePlace) {
-  PoseReport pose;
-  pose.utc_ns = kReport_ns;
-  pose.latitude = -0.6;
-  pose.longitude = 2.0;
-  pose.position = {10, 20, 30};
-  pose.attitude = Eigen::AngleAxisd(4.0, Eigen::Vector3d::UnitZ()) *
-                  Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()) *
-                  Eigen::AngleAxisd(-0.1, Eigen::Vector3d::UnitX());
-  pose.velocity = {0.5, 0.1, -0.05};
-  pose.altitude = 2.5;
+  PoseReport pose{.utc_ns = kReport_ns,
+                  .latitude = -0.6,
+                  .longitude = 2.0,
+                  .position = {10, 20, 30},
+                  .attitude = Eigen::AngleAxisd(4.0, Eigen::Vector3d::UnitZ()) *
+                              Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitY()) *
+                              Eigen::AngleAxisd(-0.1, Eigen::Vector3d::UnitX()),
+                  .velocity = {0.5, 0.1, -0.05},
+                  .altitude = 2.5,
+                  .sigma_horizontal = {}};
   const auto decoded = received<pose_t>(encodePose(pose));
   const double* q = decoded.attitude;
   EXPECT_TRUE(Eigen::Quaterniond(q[0], q[1], q[2], q[3]).isApprox(pose.attitude));
@@ -108,10 +108,7 @@ TEST(PoseReport, BothMessagesSayTheSamePlace) {
 }
 
 TEST(LinkAndMapReport, StandInTheirMessages) {
-  LinkReport link;
-  link.open = true;
-  link.frames_sent = 12;
-  link.share_on_ship = 0.5;
+  LinkReport link{.open = true, .heard_ago_s = {}, .share_on_ship = 0.5, .frames_sent = 12, .counts = {}};
   link.counts.add({"resent", 3});
   const auto decoded_link = received<link_t>(encodeLink(link));
   EXPECT_TRUE(decoded_link.open);
@@ -119,9 +116,7 @@ TEST(LinkAndMapReport, StandInTheirMessages) {
   EXPECT_EQ(decoded_link.frames_sent, 12);
   EXPECT_EQ(decoded_link.share_told, 0.5);
   EXPECT_EQ(decoded_link.counts.at(0).name, "resent");
-  MapReport map;
-  map.pairs = 100;
-  map.area_m2 = 12.5;
+  MapReport map{.pairs = 100, .area_m2 = 12.5, .counts = {}};
   map.counts.add({"pairs_dropped", 3});
   const auto decoded_map = received<map_t>(encodeMap(map));
   EXPECT_EQ(decoded_map.pairs, 100);

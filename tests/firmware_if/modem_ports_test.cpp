@@ -6,16 +6,13 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include <random>
-
 #include "tests/support/pty_line.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
-using test::refusal;
-using ::testing::HasSubstr;
+using test::refusal, ::testing::HasSubstr;
 
 using Bytes = std::vector<std::uint8_t>;
 

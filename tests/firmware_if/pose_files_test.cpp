@@ -2,20 +2,13 @@
 
 #include <gmock/gmock.h>
 
-#include <numbers>
-
 #include "realtime/base/units.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
-using test::readText;
-using test::refusal;
-using test::replaced;
-using test::writeText;
-using ::testing::AllOf;
+using test::readText, test::refusal, test::replaced, test::writeText, ::testing::AllOf;
 using ::testing::HasSubstr;
 
 // As the ACFR's pipeline writes it (fields in columns, comments between).
@@ -71,8 +64,7 @@ TEST_F(PoseFilesTest, AnAcfrStereoFileIsReadFieldByField) {
 }
 
 TEST_F(PoseFilesTest, WrittenPosesComeBackWithTheirPlaceOnTheGlobe) {
-  StereoPoseFile file;
-  file.origin = {-14.1265 / kDegreesPerRadian, 121.8664 / kDegreesPerRadian};
+  StereoPoseFile file{.origin = {-14.1265 / kDegreesPerRadian, 121.8664 / kDegreesPerRadian}, .poses = {}};
   file.poses.push_back({3, 1239866302.853, SE3::fromEuler(0.1, -0.2, 3.1, {1.5, -200.25, 30.0}), "l.tif",
                         "r.tif", 2.1, 1.5, true});
   writeStereoPoses(path_, file);
@@ -94,8 +86,7 @@ TEST_F(PoseFilesTest, WrittenPosesComeBackWithTheirPlaceOnTheGlobe) {
   EXPECT_NEAR(local.x(), 1.5, 1e-6);
   EXPECT_NEAR(local.y(), -200.25, 1e-6);
 
-  VehiclePoseFile vehicle;
-  vehicle.origin = file.origin;
+  VehiclePoseFile vehicle{.origin = file.origin, .poses = {}};
   vehicle.poses.push_back({1, 5.25, file.poses[0].T_nav_cam, 0.5});
   writeVehiclePoses(path_, vehicle);
   EXPECT_THAT(readText(path_), HasSubstr("% VEHICLE_POSE_FILE VERSION 3\n"));
@@ -106,8 +97,7 @@ TEST_F(PoseFilesTest, WrittenPosesComeBackWithTheirPlaceOnTheGlobe) {
 }
 
 TEST_F(PoseFilesTest, WrittenCovariancesComeBack) {
-  PoseCovariance pose;
-  pose.left_image = "l 1.tif";
+  PoseCovariance pose{.left_image = "l 1.tif"};
   for (int i = 0; i < 6; ++i)
     for (int j = i; j < 6; ++j)
       pose.covariance(i, j) = pose.covariance(j, i) = std::pow(-0.1, i + 1) * (10 * i + j + 1.0 / 3.0);

@@ -1,17 +1,12 @@
 // The table before the launch: a vehicle with everything well, and with one thing wrong at a time.
 #include <gmock/gmock.h>
 
-#include <algorithm>
 #include <atomic>
-#include <chrono>
-#include <cmath>
 #include <deque>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <thread>
 
 #include "firmware_if/predive/predive_checks.hpp"
-#include "firmware_if/predive/predive_report.hpp"
 #include "firmware_if/predive/predive_watch.hpp"
 #include "realtime/base/units.hpp"
 #include "tests/firmware_if/synthetic_picture.hpp"
@@ -19,14 +14,6 @@
 
 namespace fathom::io {
 namespace {
-
-using test::kHeight;
-using test::kWidth;
-using test::syntheticPicture;
-using test::viewOf;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 constexpr double kPi = std::numbers::pi;
 constexpr std::int64_t kStart = 1'700'000'000 * kSecond_ns;
@@ -61,8 +48,8 @@ struct Vehicle {
     mission.origin = {-0.6, 2.0};
     mission.T_body_cam = SE3::fromEuler(0.02, 0, kPi / 2, {0.5, 0, 0.3});
     mission.T_body_dvl = SE3::fromEuler(0, 0, 0, {-0.6, 0, 0.3});
-    rig.left.width = rig.right.width = kWidth;
-    rig.left.height = rig.right.height = kHeight;
+    rig.left.width = rig.right.width = test::kWidth;
+    rig.left.height = rig.right.height = test::kHeight;
     rig.T_right_left = SE3(Eigen::Quaterniond::Identity(), Eigen::Vector3d(-0.07, 0, 0));
     for (const std::size_t side : {0U, 1U}) {
       cameras.side[side].id = side == 0 ? "FTH-L" : "FTH-R";
@@ -99,15 +86,14 @@ class FakeSource final : public SampleSource {
     sink.sample(now, make_(now));
     return true;
   }
-  void updateHealth(DeviceHealth& out) const noexcept override { out.samples = given_; }
   DeviceHealth health() const override {
-    DeviceHealth health;
-    health.name = name_;
-    health.open = true;
-    health.last_data_ns = kStart;
-    health.samples = given_;
-    health.counters = {{"ensembles", given_}, {"bad_checksum", damaged_}, {"bytes", 800 * given_}};
-    return health;
+    return DeviceHealth{
+        .name = name_,
+        .open = true,
+        .reason = {},
+        .last_data_ns = kStart,
+        .samples = given_,
+        .counters = {{"ensembles", given_}, {"bad_checksum", damaged_}, {"bytes", 800 * given_}}};
   }
 
  private:
@@ -124,7 +110,7 @@ class FakeCamera final : public CameraSource {
       : vehicle_(vehicle),
         side_(side),
         polls_(polls),
-        lit_(syntheticPicture(vehicle.blur[side], vehicle.light[side])),
+        lit_(test::syntheticPicture(vehicle.blur[side], vehicle.light[side])),
         dark_(lit_.size(), 2),
         pool_(4, lit_.size()) {}
   bool poll(int, FrameSink& sink) noexcept override {
@@ -135,8 +121,7 @@ class FakeCamera final : public CameraSource {
     ++id_;
     if (side_ == 0 && vehicle_.miss_every > 0 && id_ % static_cast<std::uint64_t>(vehicle_.miss_every) == 0)
       return true;
-    CameraFrame frame;
-    frame.block = pool_.acquire();
+    CameraFrame frame{.block = pool_.acquire()};
     EXPECT_NE(frame.block, rt::SharedBlocks::kNone) << "frames are given back at once";
     frame.frame_id = id_;
     frame.device_ns = std::llround(static_cast<double>(id_) / vehicle_.rate_hz[side_] * 1e9);
@@ -147,16 +132,14 @@ class FakeCamera final : public CameraSource {
     return true;
   }
   rt::SharedBlocks& pool() noexcept override { return pool_; }
-  ImageView view(const CameraFrame&) noexcept override { return viewOf(in_the_dark_ ? dark_ : lit_); }
-  void updateHealth(DeviceHealth&) const noexcept override {}
+  ImageView view(const CameraFrame&) noexcept override { return test::viewOf(in_the_dark_ ? dark_ : lit_); }
   DeviceHealth health() const override {
-    DeviceHealth health;
-    health.name = "camera";
-    health.open = true;
-    health.last_data_ns = kStart;
-    health.samples = id_;
-    health.counters = {{"clock_resets", 0}};
-    return health;
+    return DeviceHealth{.name = "camera",
+                        .open = true,
+                        .reason = {},
+                        .last_data_ns = kStart,
+                        .samples = id_,
+                        .counters = {{"clock_resets", 0}}};
   }
 
  private:
@@ -229,8 +212,7 @@ PrediveReport look(const Vehicle& vehicle) {
   };
   devices.link.read = [&](std::span<const std::uint8_t> frame) {
     EXPECT_EQ(frame[0], 42);
-    PrediveLink::Received received;
-    received.ours = vehicle.for_us;
+    PrediveLink::Received received{.ours = vehicle.for_us, .fix = {}};
     if (vehicle.for_us && vehicle.usbl)
       received.fix = UsblFix{kStart, kStart, vehicle.fix_latitude, 2.0, 0, 1};
     return received;
@@ -259,12 +241,12 @@ std::vector<std::string> redRows(const PrediveReport& report) {
 
 TEST(Predive, AVehicleInOrderIsGreenThroughout) {
   const PrediveReport report = look(Vehicle{});
-  EXPECT_THAT(redRows(report), IsEmpty()) << reportTable(report, false);
+  EXPECT_THAT(redRows(report), ::testing::IsEmpty()) << reportTable(report, false);
   EXPECT_TRUE(report.allGood());
   std::vector<std::string> unused;
   for (const PrediveRow& row : report.rows)
     if (row.verdict == PrediveVerdict::kUnused) unused.push_back(row.name);
-  EXPECT_THAT(unused, ElementsAre("GPS", "battery"));
+  EXPECT_THAT(unused, ::testing::ElementsAre("GPS", "battery"));
 }
 
 struct Fault {
@@ -357,7 +339,7 @@ TEST(Predive, TheTableNamesTheFixAndColoursOnlyATerminal) {
             "                   -> turn the lens\n"
             "-      GPS         not used\n"
             "1 thing is wrong: do not dive.\n");
-  EXPECT_THAT(coloured, HasSubstr("\033[1;31mRED  \033[0m  focus left"));
+  EXPECT_THAT(coloured, ::testing::HasSubstr("\033[1;31mRED  \033[0m  focus left"));
   const auto json = nlohmann::json::parse(reportJson(report));
   EXPECT_EQ(json["good"], false);
   ASSERT_EQ(json["rows"].size(), 3u);
@@ -372,7 +354,7 @@ TEST(PrediveConfig, KeysAreBounded) {
   EXPECT_EQ(config.edge_px, 4);
   const ConfigTable bad = ConfigTable::parse("[predive]\nedge_px = 1", "onboard.toml");
   EXPECT_THAT(test::refusal([&] { (void)readKeys(bad.table("predive"), PrediveConfig{}, visitPredive); }),
-              HasSubstr("edge_px"));
+              ::testing::HasSubstr("edge_px"));
   for (const char* line : {"deck_tilt_deg = 91", "origin_km = 0", "least_charge = 1.1"}) {
     const ConfigTable beyond = ConfigTable::parse("[predive]\n" + std::string(line), "onboard.toml");
     EXPECT_NE(test::refusal([&] { (void)readKeys(beyond.table("predive"), PrediveConfig{}, visitPredive); }),

@@ -11,12 +11,11 @@ namespace fathom::test {
 // Samples of each kind, with each value present and absent, and times that need every nanosecond.
 inline std::vector<SensorSample> everyKindOfSample() {
   constexpr std::int64_t kStart = 1'700'000'000'123'456'789;
-  DvlSample whole;
-  whole.utc_ns = kStart;
-  whole.velocity = Eigen::Vector3d(0.5123456789012345, -0.01, 1e-300);
-  whole.range = {2.1, 2.2, 2.3, 2.4};
-  whole.altitude = 1.987;
-  whole.sound_speed = 1522.25;
+  DvlSample whole{.utc_ns = kStart,
+                  .velocity = Eigen::Vector3d(0.5123456789012345, -0.01, 1e-300),
+                  .range = {2.1, 2.2, 2.3, 2.4},
+                  .altitude = 1.987,
+                  .sound_speed = 1522.25};
   DvlSample partial;
   partial.utc_ns = kStart + 1;
   partial.range[2] = 3.5;
@@ -25,9 +24,7 @@ inline std::vector<SensorSample> everyKindOfSample() {
   water.temperature = -1.5;
   water.turbidity = 0.0;
   WaterSample all_water{kStart + 3, 4.2, 18.5, 1515.0, 0.3, 2.0, 0.001};
-  BatterySample battery;
-  battery.utc_ns = kStart + 10;
-  battery.charge = 0.875;
+  BatterySample battery{.utc_ns = kStart + 10, .voltage = {}, .current = {}, .charge = 0.875};
   return {whole,
           partial,
           AttitudeSample{kStart + 4, 0.01, -0.02, 6.1, true},

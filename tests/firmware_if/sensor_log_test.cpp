@@ -9,16 +9,11 @@
 #include "firmware_if/mission/log/log_messages.hpp"
 #include "tests/firmware_if/sample_dive.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
-using test::everyKindOfSample;
-using test::readText;
-using test::refusal;
-using test::same;
-using test::writeText;
+using test::everyKindOfSample, test::readText, test::refusal, test::same, test::writeText;
 using ::testing::HasSubstr;
 
 constexpr std::int64_t kArrival = 1'700'000'000'200'000'001;

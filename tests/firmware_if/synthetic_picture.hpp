@@ -6,7 +6,7 @@
 #include <random>
 #include <vector>
 
-#include "firmware_if/predive/image_quality.hpp"
+#include "firmware_if/predive/predive_watch.hpp"
 
 namespace fathom::test {
 

@@ -5,7 +5,7 @@
 #include <sstream>
 
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "recon/geometry/se3.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"
@@ -78,11 +78,7 @@ TEST(RangeScans, TenScansOfTheBunnyGiveTheReferenceSurface) {
                               "' -C '" + folder.path().string() + "'";
   ASSERT_EQ(std::system(command.c_str()), 0);
 
-  VolumetricConfig config;
-  config.voxel = 0.001;
-  config.truncation = 0.003;
-  config.border = 0.003;
-  VolumetricFusion fusion(config);
+  VolumetricFusion fusion({.voxel = 0.001, .truncation = 0.003, .border = 0.003});
   std::ifstream list(folder.path() / "data" / "bun.conf");
   std::string line;
   int scans = 0;

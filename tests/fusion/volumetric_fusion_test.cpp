@@ -7,13 +7,13 @@
 #include <stdexcept>
 
 #include "recon/fusion/cell_statistics.hpp"
-#include "tests/fusion/synthetic_footprint.hpp"
+#include "tests/surface/mesh_checks.hpp"
+#include "tests/world/ground.hpp"
 
 namespace fathom::fusion {
 namespace {
 
-using test::Footprint;
-using test::rangeMesh;
+using test::Footprint, test::rangeMesh;
 
 double rolling(double n, double e) {
   return 2.0 + 0.1 * std::sin(3.0 * n) + 0.08 * std::cos(2.5 * e);
@@ -61,29 +61,6 @@ Mesh sphereSeenFrom(const Eigen::Vector3d& camera, double radius, double sigma, 
   return mesh;
 }
 
-// Edges by how many triangles use them in each direction.
-struct EdgeUse {
-  int open = 0, broken = 0;  // used once; used other than once in each direction
-};
-EdgeUse edgeUse(const Mesh& mesh) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, std::pair<int, int>> edges;
-  for (const auto& t : mesh.triangles) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = t[k], b = t[(k + 1) % 3];
-      auto& use = edges[std::minmax(a, b)];
-      (a < b ? use.first : use.second)++;
-    }
-  }
-  EdgeUse out;
-  for (const auto& [edge, use] : edges) {
-    if (use.first + use.second == 1)
-      ++out.open;
-    else if (use.first != 1 || use.second != 1)
-      ++out.broken;
-  }
-  return out;
-}
-
 TEST(VolumetricFusion, NothingIntegratedGivesAnEmptyMesh) {
   const VolumetricFusion fusion({});
   EXPECT_TRUE(fusion.extract().vertices.empty());
@@ -92,27 +69,19 @@ TEST(VolumetricFusion, NothingIntegratedGivesAnEmptyMesh) {
 
 TEST(VolumetricFusion, APlaneIsReproducedFacingTheCameraWithoutHoles) {
   VolumetricFusion fusion({});
-  fusion.integrate(rangeMesh(
-                       {.sigma = 0.0, .colour = {10, 200, 30}}, [](double, double) { return 2.01; }, 1),
-                   kAbove);
+  fusion.integrate(rangeMesh({.sigma = 0.0, .colour = {10, 200, 30}}, test::level(2.01), 1), kAbove);
   const Mesh mesh = fusion.extract();
   ASSERT_GT(mesh.triangles.size(), 5000u);
   ASSERT_EQ(mesh.normals.size(), mesh.vertices.size());
-  double area = 0;
   for (const auto& v : mesh.vertices) EXPECT_NEAR(v.z(), 2.01, 1e-4);
   for (const auto& n : mesh.normals) EXPECT_LT(n.z(), -0.999F);
   for (const auto& c : mesh.colours) EXPECT_EQ(c, (Rgb{10, 200, 30}));
-  for (const auto& [a, b, c] : mesh.triangles)
-    area +=
-        0.5 * static_cast<double>(
-                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
-  EXPECT_NEAR(area, 4.0, 0.4);  // whole but for a voxel or two at the border
-  EXPECT_EQ(edgeUse(mesh).broken, 0);
+  EXPECT_NEAR(test::areaOf(mesh), 4.0, 0.4);  // whole but for a voxel or two at the border
+  const test::Topology topology = test::topologyOf(mesh);
+  EXPECT_EQ(topology.bad_edges, 0U);
   // One outline and no holes: a disc has Euler characteristic 1.
-  const auto edges = (mesh.triangles.size() * 3 + static_cast<std::size_t>(edgeUse(mesh).open)) / 2;
-  EXPECT_EQ(static_cast<long>(mesh.vertices.size()) - static_cast<long>(edges) +
-                static_cast<long>(mesh.triangles.size()),
-            1);
+  EXPECT_EQ(topology.vertices, mesh.vertices.size());
+  EXPECT_EQ(topology.euler(), 1);
 }
 
 TEST(VolumetricFusion, ErrorsFallWithTheNumberOfViews) {
@@ -141,10 +110,7 @@ TEST(VolumetricFusion, ErrorsFallWithTheNumberOfViews) {
 }
 
 TEST(VolumetricFusion, ASphereSeenFromAllSidesIsWatertightAndRound) {
-  VolumetricConfig config;
-  config.voxel = 0.02;
-  config.truncation = 0.06;
-  VolumetricFusion fusion(config);
+  VolumetricFusion fusion({.voxel = 0.02, .truncation = 0.06});
   unsigned seed = 0;
   for (int x = -1; x <= 1; ++x)
     for (int y = -1; y <= 1; ++y)
@@ -154,9 +120,8 @@ TEST(VolumetricFusion, ASphereSeenFromAllSidesIsWatertightAndRound) {
           fusion.integrate(sphereSeenFrom(camera, 0.5, 0.004, ++seed), camera);
         }
   const Mesh mesh = fusion.extract();
-  const EdgeUse use = edgeUse(mesh);
-  EXPECT_EQ(use.open, 0);
-  EXPECT_EQ(use.broken, 0);
+  EXPECT_EQ(test::topologyOf(mesh).border_edges, 0U);
+  EXPECT_EQ(test::topologyOf(mesh).bad_edges, 0U);
   double sum = 0, mean = 0, volume = 0;
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
     const double r = static_cast<double>(mesh.vertices[v].norm()) - 0.5;
@@ -173,11 +138,9 @@ TEST(VolumetricFusion, ASphereSeenFromAllSidesIsWatertightAndRound) {
 
 TEST(VolumetricFusion, APreciseMeshOutweighsARoughOne) {
   VolumetricFusion fusion({});
-  Mesh rough = rangeMesh(
-      {.sigma = 0}, [](double, double) { return 2.06; }, 1);
+  Mesh rough = rangeMesh({.sigma = 0}, test::level(2.06), 1);
   rough.sigma.assign(rough.sigma.size(), 0.06F);
-  Mesh precise = rangeMesh(
-      {.sigma = 0}, [](double, double) { return 2.0; }, 2);
+  Mesh precise = rangeMesh({.sigma = 0}, test::level(2.0), 2);
   precise.sigma.assign(precise.sigma.size(), 0.006F);
   fusion.integrate(rough, kAbove);
   fusion.integrate(precise, kAbove);
@@ -215,7 +178,7 @@ TEST(VolumetricFusion, RoughGroundIsKnownBestWhereThePointsAre) {
 }
 
 TEST(VolumetricFusion, AFishIsCarvedByMeshesSeenThroughIt) {
-  const auto flat = [](double, double) { return 2.0; };
+  const auto flat = test::level(2.0);
   VolumetricConfig config;
   for (const bool carve : {false, true}) {
     config.carve = carve;
@@ -254,10 +217,8 @@ TEST(VolumetricFusion, CarvingLeavesWhatOthersSawStanding) {
 }
 
 TEST(VolumetricFusion, MinObservationsKeepsOnlyWhatEnoughMeshesSaw) {
-  VolumetricConfig config;
-  config.min_observations = 2;
-  VolumetricFusion fusion(config);
-  const auto flat = [](double, double) { return 2.0; };
+  VolumetricFusion fusion({.min_observations = 2});
+  const auto flat = test::level(2.0);
   fusion.integrate(rangeMesh({.north = -0.5}, flat, 1), Eigen::Vector3d(-0.5, 0, 0));
   fusion.integrate(rangeMesh({.north = 0.5}, flat, 2), Eigen::Vector3d(0.5, 0, 0));
   for (const auto& v : fusion.extract().vertices) EXPECT_LT(std::abs(v.x()), 0.58F);
@@ -301,12 +262,8 @@ TEST(VolumetricFusion, EveryInstructionSetGivesTheSameBytes) {
 TEST(VolumetricFusion, EveryVoxelInReachOfAMeshIsSeenOnce) {
   // A level seafloor under a camera far off: all rays are vertical, so the voxels' number follows from
   // the area.
-  VolumetricConfig config;
-  config.carve = false;
-  VolumetricFusion fusion(config);
-  fusion.integrate(rangeMesh(
-                       {.sigma = 0}, [](double, double) { return 2.0165; }, 1),
-                   Eigen::Vector3d(0, 0, -5000));
+  VolumetricFusion fusion({.carve = false});
+  fusion.integrate(rangeMesh({.sigma = 0}, test::level(2.0165), 1), Eigen::Vector3d(0, 0, -5000));
   // 2 m / 33 mm: 61 x 61 columns inside, of six voxels closer than 0.1 m.
   EXPECT_EQ(fusion.counters().voxel_updates, 61U * 61U * 6U);
 }
@@ -314,12 +271,9 @@ TEST(VolumetricFusion, EveryVoxelInReachOfAMeshIsSeenOnce) {
 TEST(VolumetricFusion, TheRampWidensWhereMeshesDisagree) {
   // Two passes 0.25 m apart in depth, each sure of itself: a ramp of 0.1 m keeps two surfaces, one as wide as
   // their spread asks for makes one between them.
-  VolumetricConfig config;
-  config.carve = false;
-  const Mesh upper = rangeMesh(
-      {.sigma = 0.002}, [](double, double) { return 2.0; }, 1);
-  const Mesh lower = rangeMesh(
-      {.sigma = 0.002}, [](double, double) { return 2.25; }, 2);
+  VolumetricConfig config{.carve = false};
+  const Mesh upper = rangeMesh({.sigma = 0.002}, test::level(2.0), 1);
+  const Mesh lower = rangeMesh({.sigma = 0.002}, test::level(2.25), 2);
   CellStatistics statistics;
   statistics.add(upper);
   statistics.add(lower);

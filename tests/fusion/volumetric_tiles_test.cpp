@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "tests/fusion/synthetic_footprint.hpp"
+#include "tests/world/ground.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -102,26 +102,22 @@ std::vector<Segment> borderOf(const TileMesh& tile, std::uint8_t side) {
 class Tiles : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    scans_ = new std::vector<Scan>(survey());
-    whole_ = new std::vector<TileMesh>(build(*scans_, std::nullopt));
-  }
-  static void TearDownTestSuite() {
-    delete scans_;
-    delete whole_;
+    scans_ = survey();
+    whole_ = build(scans_, std::nullopt);
   }
   static const TileMesh* find(const TileId& id) {
     const auto found =
-        std::find_if(whole_->begin(), whole_->end(), [&](const TileMesh& t) { return t.tile == id; });
-    return found == whole_->end() ? nullptr : &*found;
+        std::find_if(whole_.begin(), whole_.end(), [&](const TileMesh& t) { return t.tile == id; });
+    return found == whole_.end() ? nullptr : &*found;
   }
-  static inline std::vector<Scan>* scans_ = nullptr;
-  static inline std::vector<TileMesh>* whole_ = nullptr;
+  static inline std::vector<Scan> scans_;
+  static inline std::vector<TileMesh> whole_;
 };
 
 TEST_F(Tiles, PiecesBuiltApartAreTheSameBytesAsTheWholeBuiltAtOnce) {
   std::size_t compared = 0;
   for (const TileRange& core : {TileRange{-2, -2, 0, 2}, TileRange{0, -2, 2, 0}, TileRange{0, 0, 2, 2}}) {
-    for (const TileMesh& tile : build(*scans_, core)) {
+    for (const TileMesh& tile : build(scans_, core)) {
       ASSERT_TRUE(core.contains(tile.tile));
       const TileMesh* same = find(tile.tile);
       ASSERT_NE(same, nullptr);
@@ -135,13 +131,13 @@ TEST_F(Tiles, PiecesBuiltApartAreTheSameBytesAsTheWholeBuiltAtOnce) {
       ++compared;
     }
   }
-  EXPECT_EQ(compared, whole_->size());
+  EXPECT_EQ(compared, whole_.size());
   EXPECT_GE(compared, 14U);
 }
 
 TEST_F(Tiles, EveryBorderEdgeOfATileOccursOnceInItsNeighbour) {
   std::size_t edges = 0;
-  for (const TileMesh& tile : *whole_) {
+  for (const TileMesh& tile : whole_) {
     const auto check = [&](TileId to, std::uint8_t side, std::uint8_t other_side) {
       const TileMesh* neighbour = find(to);
       if (neighbour == nullptr) return;
@@ -165,7 +161,7 @@ TEST_F(Tiles, EveryBorderEdgeOfATileOccursOnceInItsNeighbour) {
 TEST_F(Tiles, SharedVerticesAgreeInPositionNormalAndColour) {
   std::map<Place, std::pair<Eigen::Vector3f, Rgb>> seen;
   std::size_t met_again = 0;
-  for (const TileMesh& tile : *whole_) {
+  for (const TileMesh& tile : whole_) {
     for (std::uint32_t v = 0; v < tile.mesh.vertices.size(); ++v) {
       const std::pair<Eigen::Vector3f, Rgb> what{tile.mesh.normals[v], tile.mesh.colours[v]};
       const auto [at, is_new] = seen.try_emplace(placeOf(tile, v), what);
@@ -180,7 +176,7 @@ TEST_F(Tiles, SharedVerticesAgreeInPositionNormalAndColour) {
 
 TEST_F(Tiles, VerticesAreOnTheLatticeAndNoTriangleIsDegenerate) {
   const TileGrid grid;
-  for (const TileMesh& tile : *whole_) {
+  for (const TileMesh& tile : whole_) {
     const auto box = grid.box(tile.tile);
     std::set<Place> places;
     for (std::uint32_t v = 0; v < tile.mesh.vertices.size(); ++v) {
@@ -216,7 +212,7 @@ TEST_F(Tiles, VerticesAreOnTheLatticeAndNoTriangleIsDegenerate) {
 TEST_F(Tiles, TheSurfaceIsThatOfTheSeafloor) {
   double sum = 0;
   std::size_t count = 0;
-  for (const TileMesh& tile : *whole_) {
+  for (const TileMesh& tile : whole_) {
     for (const auto& v : tile.mesh.vertices) {
       if (std::abs(v.x()) > 3 || std::abs(v.y()) > 2.4) continue;
       const double error = static_cast<double>(v.z()) - tileReef(v.x(), v.y());
@@ -254,9 +250,7 @@ TEST(TileParts, LongThinPartsAreKept) {
 }
 
 TEST(TileParts, TheHaloGivesTheNeighboursToo) {
-  VolumetricConfig config;
-  config.bounds = {TileGrid{}, {0, 0, 1, 1}};
-  VolumetricFusion fusion(config);
+  VolumetricFusion fusion({.bounds = FusionBounds{TileGrid{}, {0, 0, 1, 1}}});
   fusion.integrate(rangeMesh({.north = 1, .east = 2, .length = 2, .width = 2}, tileReef, 1),
                    Eigen::Vector3d(1, 2, 0));
   EXPECT_EQ(fusion.extractTiles(TileGrid{}).size(), 1U);

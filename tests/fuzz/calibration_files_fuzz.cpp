@@ -1,6 +1,5 @@
 #include <cmath>
 #include <span>
-#include <vector>
 
 #include "recon/import/calibration/calibration.hpp"
 #include "tests/fuzz/scratch_file.hpp"

@@ -1,11 +1,9 @@
 // Any bytes as a frame's packets, ids and stamps: no pixel beyond its buffer, ids and times that only grow.
-#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <vector>
 
 #include "firmware_if/devices/camera/camera_clock_map.hpp"
-#include "firmware_if/devices/camera/frame_id_unwrap.hpp"
 #include "firmware_if/devices/camera/pixel_unpack.hpp"
 
 namespace {

@@ -2,7 +2,6 @@
 // of finite numbers within its bounds, and the sender that receives the same frames sends what it may and no
 // more.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <variant>

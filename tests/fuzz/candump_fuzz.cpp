@@ -1,5 +1,4 @@
 // Any text, cut anywhere, must read the same as in one piece; what it decodes to must print.
-#include <cmath>
 #include <cstdlib>
 
 #include "firmware_if/devices/can/can_text.hpp"

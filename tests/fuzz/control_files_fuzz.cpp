@@ -1,5 +1,3 @@
-#include <array>
-#include <string>
 
 #include "recon/import/control_points.hpp"
 #include "tests/fuzz/scratch_file.hpp"
@@ -33,8 +31,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         __builtin_trap();
     for (const auto& bar : control.bars)
       if (!(bar.length > 0) || !(bar.sigma > 0) || bar.from == bar.to) __builtin_trap();
-    topside::PairList list;
-    list.pairs = {{0, "left/1.png", "right/1.png"}, {1, "2.png", "2r.png"}};
+    topside::PairList list{.pairs = {{0, "left/1.png", "right/1.png"}, {1, "2.png", "2r.png"}}};
     for (const auto& sighting : topside::sightingsOf(control, list))
       if (sighting.pair > 1 || !sighting.pixel.allFinite()) __builtin_trap();
   });

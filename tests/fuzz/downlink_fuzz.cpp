@@ -1,8 +1,6 @@
 // What the ship says, in every state between noise and a frame with a good signature; and the ship's
 // receiver.
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdlib>
 
 #include "telemetry/downlink/downlink.hpp"
@@ -68,9 +66,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     std::copy(signature.begin(), signature.end(), payload.begin() + static_cast<std::ptrdiff_t>(length));
     length += signature.size();
   }
-  FrameHeader header;
-  header.identity = kIdentity;
-  header.type = MessageType::kDownlink;
+  FrameHeader header{.identity = kIdentity, .type = MessageType::kDownlink};
   receive(std::span(frame).first(encodeFrame(header, std::span(payload).first(length), frame)),
           properly_signed);
   return 0;

@@ -1,7 +1,6 @@
-#include <string_view>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/solver/batch/g2o_file.hpp"
+#include "recon/solver/pose_graph.hpp"
 
 using namespace fathom;
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "telemetry/web/request_parser.hpp"
-#include "telemetry/web/served_folder.hpp"
+#include "telemetry/web/exchange.hpp"
+#include "telemetry/web/page_server.hpp"
 
 using namespace fathom;
 

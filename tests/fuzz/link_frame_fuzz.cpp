@@ -1,15 +1,11 @@
 // Frames as they come off the modem, and every message inside a frame.
 #include <algorithm>
-#include <array>
 #include <cstdlib>
 #include <vector>
 
 #include "telemetry/ship/link_receiver.hpp"
-#include "telemetry/wire/bundle.hpp"
 #include "telemetry/wire/frame.hpp"
-#include "telemetry/wire/mission_info.hpp"
-#include "telemetry/wire/status.hpp"
-#include "telemetry/wire/track.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 using namespace fathom::telemetry;
 

@@ -1,11 +1,9 @@
 // Encoded map tiles and their fragments. The bytes are taken as a tile, as Draco's values alone, and as a row
 // of fragment payloads (a length byte before each).
-#include <array>
 #include <cmath>
 #include <cstdlib>
 
-#include "telemetry/tiles/draco_values.hpp"
-#include "telemetry/tiles/tile_fragments.hpp"
+#include "telemetry/tiles/tile_codec.hpp"
 
 using namespace fathom::telemetry;
 

@@ -1,11 +1,9 @@
-#include <algorithm>
-#include <vector>
 
 #include "recon/products/tiles/block_texture.hpp"
 #include "recon/products/tiles/check/tileset_reader.hpp"
 #include "recon/products/tiles/glb.hpp"
 #include "tests/fuzz/scratch_file.hpp"
-#include "tests/tiles/synthetic_model.hpp"
+#include "tests/world/tiles.hpp"
 
 using namespace fathom;
 using Bytes = std::vector<std::uint8_t>;
@@ -35,7 +33,7 @@ void readTile(const Bytes& bytes) {
 // Any bytes, and good files with any bytes in them, as a tile, as a texture of each kind and as a tileset;
 // the first byte says which.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static const topside::synthetic::SyntheticModel model{.texels = 16};
+  static const test::SyntheticModel model{.texels = 16};
   static const Bytes tile = topside::writeGlb(model.tile({0, 0, 0}), model.grid, {});
   static const topside::BlockTexture texture = topside::compressBlocks(model.tile({0, 0, 0}).atlas);
   static const Bytes ktx = topside::writeKtx2(texture, topside::Supercompression::kZstd);

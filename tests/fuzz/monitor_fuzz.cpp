@@ -2,12 +2,11 @@
 // length byte before each), so that the fuzzer need not find the CRC; all of them in bundles of the size that
 // the first byte says.
 #include <algorithm>
-#include <array>
 
 #include "telemetry/monitor/export/exports.hpp"
-#include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/map/received_map.hpp"
 #include "telemetry/monitor/web/page_api.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 using namespace fathom;
 

@@ -1,6 +1,4 @@
 #include <cmath>
-#include <string>
-#include <vector>
 
 #include "recon/import/navigation/nav_data.hpp"
 #include "tests/fuzz/scratch_file.hpp"
@@ -21,8 +19,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       "$GPRMC,120000.00,A,4248.1000,N,01047.2000,E,0.5,12.0,170224,,,A*",
       "$GPZDA,120000.00,17,02,2024,00,00*6D\n$HEHDT,"};
   if (size == 0) return 0;
-  topside::NavFileOptions options;
-  options.columns = kColumns[data[0] % kColumns.size()];
+  topside::NavFileOptions options{.columns = kColumns[data[0] % kColumns.size()]};
   std::string text = kBeginnings[data[0] / kColumns.size() % kBeginnings.size()];
   text.append(reinterpret_cast<const char*>(data) + 1, size - 1);
   scratch.write(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());

@@ -1,13 +1,10 @@
 // Saved state of every small part, from any bytes; and a checkpoint file. Checksums are put right, so that
 // the checks behind them are met; what loads must also live on.
-#include <array>
-#include <cstring>
-#include <memory>
 
 #include "realtime/base/bytes/crc32.hpp"
 #include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
-#include "realtime/onboard/nav/nav_feed.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/navigation/graph/navigation_graph.hpp"
 #include "telemetry/downlink/downlink.hpp"
@@ -16,12 +13,11 @@
 namespace {
 
 using fathom::rt::StateReader;
-using fathom::rt::StateSectionHead;
 
 // The sections' lengths and checksums, as a writer writes them.
 void seal(std::vector<std::uint8_t>& bytes) {
-  for (std::size_t at = 0; at + sizeof(StateSectionHead) <= bytes.size();) {
-    StateSectionHead head;
+  for (std::size_t at = 0; at + sizeof(fathom::rt::StateSectionHead) <= bytes.size();) {
+    fathom::rt::StateSectionHead head;
     std::memcpy(&head, bytes.data() + at, sizeof head);
     const std::size_t first = at + sizeof head;
     head.bytes = std::min<std::uint64_t>(head.bytes, bytes.size() - first);
@@ -34,18 +30,14 @@ void seal(std::vector<std::uint8_t>& bytes) {
 void loadNavigation(StateReader& reader) {
   auto feed = std::make_unique<fathom::onboard::NavFeed>(fathom::onboard::NavCoreConfig());
   if (!feed->load(reader)) return;
-  fathom::DepthSample depth;
-  depth.utc_ns = 1'800'000'000'000'000'000;
+  fathom::DepthSample depth{.utc_ns = 1'800'000'000'000'000'000};
   feed->add(depth);
   feed->tick(depth.utc_ns);
   while (feed->core().pollTrigger()) continue;
 }
 
 void loadMap(StateReader& reader) {
-  fathom::fusion::QuadtreeConfig config;
-  config.root_size = 16;
-  config.max_tiles = 16;
-  fathom::fusion::QuadtreeMap map(config);
+  fathom::fusion::QuadtreeMap map(fathom::fusion::QuadtreeConfig{.root_size = 16, .max_tiles = 16});
   if (!map.load(reader)) return;
   fathom::Mesh mesh;
   mesh.vertices = {{0, 0, 8}, {1, 0, 8}, {0, 1, 8}};

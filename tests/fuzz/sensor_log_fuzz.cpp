@@ -1,7 +1,6 @@
 #include "firmware_if/mission/sensor_log.hpp"
 
 #include "firmware_if/mission/log/log_events.hpp"
-#include "firmware_if/mission/log/log_inputs.hpp"
 #include "firmware_if/mission/log/log_messages.hpp"
 #include "firmware_if/mission/log/onboard_input.hpp"
 #include "tests/fuzz/scratch_file.hpp"

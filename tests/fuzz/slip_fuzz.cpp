@@ -1,7 +1,6 @@
 #include <algorithm>
-#include <array>
 
-#include "firmware_if/devices/modem/slip.hpp"
+#include "firmware_if/devices/modem/modem_ports.hpp"
 
 using namespace fathom;
 

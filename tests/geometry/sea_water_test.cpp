@@ -1,7 +1,6 @@
 #include "recon/geometry/sea_water.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <cmath>
 

@@ -1,18 +1,13 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include <array>
-#include <string>
 #include <thread>
-#include <vector>
 
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
 #include "realtime/kernel/health/system_status.hpp"
-#include "realtime/kernel/health/trace_json.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -92,8 +87,7 @@ TEST(TimelineTrack, AReaderGetsWholeEventsWhileAnotherThreadWrites) {
 
 // A second of navigation and vision; the fiftieth cycle takes `slowest` ms.
 nlohmann::json oneSecond(int slowest) {
-  TraceThread nav;
-  nav.name = "navigation";
+  TraceThread nav{.name = "navigation", .stages = {}, .events = {}};
   nav.period_ns = nav.deadline_ns = 10 * kMillisecond_ns;
   nav.stages = {"cycle"};
   for (int i = 0; i < 100; ++i)
@@ -150,10 +144,6 @@ TEST(TraceJson, MarksTheDeadlinesAndThoseThatACycleRanPast) {
 TEST(TraceJson, IsWellFormedWithoutAnything) {
   EXPECT_EQ(nlohmann::json::parse(traceJson("", {}, 0, 1)).at("traceEvents").size(), 1u);
 }
-
-}  // namespace
-
-namespace {
 
 TEST(SystemStatus, ReadsTheHottestZoneTheSlowestCpuAndAllThrottles) {
   const test::TemporaryFolder root;

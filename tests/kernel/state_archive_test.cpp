@@ -47,19 +47,19 @@ struct Everything {
 };
 
 Everything sample() {
-  Everything e;
-  e.number = -7;
-  e.real = 0.1F;
-  e.flag = true;
-  e.colour = Colour::kGreen;
-  e.text = "reef";
-  e.three = {1, 2, 65535};
-  e.list = {{1.5, true}, {std::numeric_limits<double>::infinity(), false}};
-  e.pool = {1, 2, 3, 4, 1ULL << 63};
-  e.maybe = Inner{-0.0, true};
-  e.never = std::nullopt;
-  e.names = {{1, "one"}, {-2, ""}};
-  e.pairs = {{1, 2}, {1, 3}, {-5, 0}};
+  Everything e{.number = -7,
+               .real = 0.1F,
+               .flag = true,
+               .colour = Colour::kGreen,
+               .text = "reef",
+               .three = {1, 2, 65535},
+               .list = {{1.5, true}, {std::numeric_limits<double>::infinity(), false}},
+               .pool = {1, 2, 3, 4, 1ULL << 63},
+               .maybe = Inner{-0.0, true},
+               .never = std::nullopt,
+               .names = {{1, "one"}, {-2, ""}},
+               .pairs = {{1, 2}, {1, 3}, {-5, 0}},
+               .queue = {}};
   for (int i = 0; i < 5; ++i) e.queue.pushDroppingOldest({i / 3.0, i % 2 == 0});
   (void)e.queue.push({});
   return e;
@@ -208,10 +208,6 @@ TEST(StateArchive, TheChecksumIsTheOneOfZlib) {
   EXPECT_EQ(crc32(bytes), 0xCBF43926u);
   EXPECT_EQ(crc32(bytes.subspan(4), crc32(bytes.first(4))), 0xCBF43926u);
 }
-
-}  // namespace
-
-namespace {
 
 std::size_t bytesOf(const EightNumbers& numbers) {
   std::array<std::uint8_t, kMostPacked> bytes{};

@@ -9,10 +9,10 @@
 #include <stdexcept>
 #include <vector>
 
-#include "recon/lighting/correct_rows.hpp"
+#include "recon/lighting/colour_light.hpp"
 #include "recon/lighting/lighting_model.hpp"
-#include "tests/lighting/synthetic_strobe_dive.hpp"
 #include "tests/support/strip_mask.hpp"
+#include "tests/world/light_dives.hpp"
 
 namespace fathom::lighting {
 namespace {
@@ -218,8 +218,7 @@ TEST(LightingModel, ImpossibleShapesAndConfigurationsAreRefused) {
   EXPECT_THROW(make(1, 1, PixelFormat::kBayerRggb, 8), std::invalid_argument);
   EXPECT_THROW(make(5, 5, PixelFormat::kMono, 7), std::invalid_argument);
   EXPECT_THROW(make(5, 5, PixelFormat::kMono, 17), std::invalid_argument);
-  LightingConfig config;
-  config.grid = 0;
+  LightingConfig config{.grid = 0};
   EXPECT_THROW(make(5, 5, PixelFormat::kMono, 8, config), std::invalid_argument);
   config = {};
   config.target_sigma = std::numeric_limits<double>::quiet_NaN();

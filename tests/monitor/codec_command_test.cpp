@@ -1,13 +1,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <fstream>
 #include <limits>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "telemetry/monitor/codec/codec_program.hpp"
-#include "telemetry/monitor/codec/codec_report.hpp"
 #include "tests/support/lattice_mesh.hpp"
 #include "tests/support/test_data.hpp"
 
@@ -83,8 +81,7 @@ TEST(CodecSurface, BadMeshesAndCellsAreOneClearError) {
   EXPECT_THROW((void)sampleSurface(plane(0, 0), std::nan(""), Sampling::kMap, "a.ply"), InputError);
   EXPECT_THROW((void)sampleSurface(plane(0.3F, 0.3F), 64, Sampling::kPoint, "a.ply"), InputError);
   EXPECT_THROW((void)sampleSurface(plane(1e7F, 0), 0.001, Sampling::kPoint, "a.ply"), InputError);
-  CodecOptions options;
-  options.terrain = "absent.ply";
+  CodecOptions options{.terrain = "absent.ply"};
   EXPECT_THROW((void)runCodec(options), InputError);
   for (const double error : {0.0, -1.0, 5.0, std::numeric_limits<double>::quiet_NaN()}) {
     options.max_error = error;

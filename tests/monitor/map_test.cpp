@@ -1,12 +1,11 @@
 #include <gtest/gtest.h>
 
-#include <map>
 #include <random>
 #include <tuple>
 
 #include "telemetry/monitor/map/block_store.hpp"
 #include "telemetry/monitor/map/surface.hpp"
-#include "tests/monitor/synthetic_blocks.hpp"
+#include "tests/monitor/sample_dive.hpp"
 
 namespace fathom::monitor {
 namespace {

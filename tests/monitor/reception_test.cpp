@@ -8,7 +8,7 @@
 #include <fstream>
 #include <thread>
 
-#include "telemetry/monitor/session_keeper.hpp"
+#include "telemetry/monitor/session.hpp"
 #include "telemetry/monitor/web/web_server.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/support/test_data.hpp"

@@ -1,21 +1,15 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
 #include <deque>
 #include <functional>
 #include <random>
 #include <set>
-#include <span>
-#include <vector>
 
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/wire/frame.hpp"
-#include "telemetry/wire/mission_info.hpp"
 #include "telemetry/wire/packet_log.hpp"
-#include "telemetry/wire/status.hpp"
-#include "telemetry/wire/track.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::monitor {
 
@@ -76,10 +70,7 @@ struct SampleDive {
   }
 
   [[nodiscard]] telemetry::MapBlock blockOf(telemetry::BlockKey key, double shift = 0) const {
-    telemetry::MapBlock block;
-    block.key = key;
-    block.seen = 0xFFFF;
-    block.sigma = 0.02F;
+    telemetry::MapBlock block{.key = key, .seen = 0xFFFF, .sigma = 0.02F};
     const double spacing = telemetry::spacingOf(key.spacing);
     for (int n = 0; n < telemetry::MapBlock::kNodes; ++n) {
       const double north = (4 * key.north + n / 4) * spacing, east = (4 * key.east + n % 4) * spacing;
@@ -89,6 +80,14 @@ struct SampleDive {
     return block;
   }
 
+  // What survives the channel.
+  [[nodiscard]] std::vector<telemetry::Packet> packets() const {
+    std::vector<telemetry::Packet> all;
+    run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
+      all.push_back({utc_ns, {frame.begin(), frame.end()}});
+    });
+    return all;
+  }
   // Calls send(utc_ns, frame) for each frame that survives the channel.
   void run(const std::function<void(std::int64_t, std::span<const std::uint8_t>)>& send) const {
     telemetry::MapPacketEncoder encoder;
@@ -152,5 +151,27 @@ struct SampleDive {
     }
   }
 };
+
+// A rough seafloor, smooth enough for centimetres between neighbouring nodes.
+inline double syntheticDepth(double north, double east) {
+  return 20 + 0.1 * north + 0.05 * east + 0.6 * std::sin(north * 0.7) * std::cos(east * 0.5);
+}
+
+inline telemetry::MapBlock syntheticBlock(telemetry::SpacingCode code, std::int32_t north, std::int32_t east,
+                                          double shift = 0) {
+  telemetry::MapBlock block{.key = {code, north, east}, .seen = 0xFFFF, .sigma = 0.02F};
+  const double spacing = telemetry::spacingOf(code);
+  for (int i = 0; i < telemetry::MapBlock::kSide; ++i) {
+    for (int j = 0; j < telemetry::MapBlock::kSide; ++j) {
+      const auto n = static_cast<std::size_t>(i * telemetry::MapBlock::kSide + j);
+      const double at_north = (4.0 * north + i) * spacing, at_east = (4.0 * east + j) * spacing;
+      block.depth[n] = static_cast<float>(syntheticDepth(at_north, at_east) + shift);
+      block.colour[n] = {static_cast<std::uint8_t>(100 + 10 * i), static_cast<std::uint8_t>(50 + 10 * j), 40};
+    }
+  }
+  return block;
+}
+
+inline constexpr telemetry::SpacingCode kQuarterMetre = 5, kHalfMetre = 6, kMetre = 7;
 
 }  // namespace fathom::monitor

@@ -1,14 +1,11 @@
 #include <gtest/gtest.h>
 
-#include <filesystem>
-#include <fstream>
-
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
 #include "telemetry/monitor/export/exports.hpp"
 #include "telemetry/monitor/frame_feed.hpp"
-#include "telemetry/monitor/session_files.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/monitor/session.hpp"
+#include "telemetry/wire/frame.hpp"
 #include "tests/monitor/sample_dive.hpp"
 #include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
@@ -25,13 +22,17 @@ class Session : public ::testing::Test {
 };
 
 std::vector<telemetry::Packet> packetsOf(double seconds) {
-  SampleDive dive;
-  dive.duration_s = seconds;
-  std::vector<telemetry::Packet> packets;
-  dive.run([&](std::int64_t utc_ns, std::span<const std::uint8_t> frame) {
-    packets.push_back({utc_ns, {frame.begin(), frame.end()}});
-  });
-  return packets;
+  return SampleDive{.duration_s = seconds}.packets();
+}
+
+void take(SessionFiles& files, MonitorModel& model, const telemetry::Packet& packet, bool recorded = false) {
+  files.log(model.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, recorded);
+}
+
+// How many frames; what is said of damage goes to `said`.
+std::size_t reload(SessionFiles& files, MonitorModel& model, std::string& said) {
+  return files.reload([&](auto bytes, auto utc_ns) { return model.accept(bytes, utc_ns).verdict; },
+                      [&] { model.noteDamage(); }, said);
 }
 
 TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
@@ -39,17 +40,14 @@ TEST_F(Session, AComputerThatWasOffComesBackWithItsMapAndItsAcknowledgement) {
   MonitorModel first;
   {
     SessionFiles files(folder_);
-    for (const auto& packet : packets)
-      files.log(first.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, false);
+    for (const auto& packet : packets) take(files, first, packet);
     const std::vector<std::uint8_t> noise(40, 0xAB);
     files.log(first.accept(noise, 5), noise, 5, false);  // noise is not kept
   }                                                      // no orderly end: every frame is on the disk already
   SessionFiles files(folder_);
   MonitorModel second;
   std::string damage;
-  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { return second.accept(bytes, utc_ns).verdict; }, [] {},
-                         damage),
-            packets.size());
+  EXPECT_EQ(reload(files, second, damage), packets.size());
   EXPECT_EQ(damage, "");
   EXPECT_EQ(second.map().store().size(), first.map().store().size());
   EXPECT_EQ(second.track().size(), first.track().size());
@@ -96,8 +94,7 @@ TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {
   {
     SessionFiles files(folder_);
     MonitorModel model;
-    for (const auto& packet : packets)
-      files.log(model.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, false);
+    for (const auto& packet : packets) take(files, model, packet);
   }
   const auto whole = fs::file_size(folder_ / "received.bin");
   for (const std::uintmax_t cut :
@@ -106,12 +103,9 @@ TEST_F(Session, ADamagedEndIsCutOffAndTheNextFrameFollowsWhatIsWhole) {
     SessionFiles files(folder_);
     MonitorModel model;
     std::string damage;
-    EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { return model.accept(bytes, utc_ns).verdict; },
-                           [] {}, damage),
-              packets.size() - 1);
+    EXPECT_EQ(reload(files, model, damage), packets.size() - 1);
     EXPECT_NE(damage.find("cut off"), std::string::npos);
-    const auto& last = packets.back();
-    files.log(model.accept(last.bytes, last.utc_ns), last.bytes, last.utc_ns, false);
+    take(files, model, packets.back());
     EXPECT_EQ(fs::file_size(folder_ / "received.bin"), whole);
   }
 }
@@ -124,8 +118,7 @@ TEST_F(Session, DamageInTheMiddleTakesOnlyWhatItHitsAndTheShipSaysWhatItLacks) {
     MonitorModel model;
     for (std::size_t k = 0; k < packets.size(); ++k) {
       if (k == packets.size() / 2) middle = fs::file_size(folder_ / "received.bin");
-      files.log(model.accept(packets[k].bytes, packets[k].utc_ns), packets[k].bytes, packets[k].utc_ns,
-                false);
+      take(files, model, packets[k]);
     }
   }
   for (const std::string& damage : {std::string(3, '\x7f'), std::string(30, '\0'), std::string(1, '\x55')})
@@ -139,9 +132,7 @@ TEST_F(Session, DamageInTheMiddleTakesOnlyWhatItHitsAndTheShipSaysWhatItLacks) {
       SessionFiles files(folder_ / "copy");
       MonitorModel model;
       std::string said;
-      const std::size_t count =
-          files.reload([&](auto bytes, auto utc_ns) { return model.accept(bytes, utc_ns).verdict; },
-                       [&] { model.noteDamage(); }, said);
+      const std::size_t count = reload(files, model, said);
       EXPECT_GE(count, packets.size() - 3);
       EXPECT_LT(count, packets.size());
       EXPECT_NE(said.find("received.bin"), std::string::npos);
@@ -154,10 +145,8 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
   SessionFiles files(folder_);
   ExportFiles exports(folder_);
   std::array<std::uint8_t, telemetry::kMaxFrameBytes> frame;
-  const auto take = [&](std::size_t from, std::size_t to) {
-    for (std::size_t k = from; k < to; ++k)
-      files.log(model.accept(packets[k].bytes, packets[k].utc_ns), packets[k].bytes, packets[k].utc_ns,
-                false);
+  const auto takeFrom = [&](std::size_t from, std::size_t to) {
+    for (std::size_t k = from; k < to; ++k) take(files, model, packets[k]);
   };
   const auto acknowledged = [&](int turn) -> std::optional<std::uint16_t> {
     const std::size_t size =
@@ -168,12 +157,12 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
     return said.content.acknowledgement->newest;
   };
   const std::size_t third = packets.size() / 3;
-  take(0, third);
+  takeFrom(0, third);
   const auto before = acknowledged(1);
   ASSERT_TRUE(before);
   {
     const fathom::test::FullDisk full(fs::file_size(folder_ / "received.bin") + 50);
-    take(third, 2 * third);
+    takeFrom(third, 2 * third);
     ModelView view;
     view.take(model);
     exports.save(view);
@@ -182,7 +171,7 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
     EXPECT_NE(files.trouble().find("received.bin"), std::string::npos);
     EXPECT_EQ(acknowledged(2), before);
   }
-  take(2 * third, packets.size());
+  takeFrom(2 * third, packets.size());
   EXPECT_TRUE(files.keep());
   ModelView view;
   view.take(model);
@@ -192,9 +181,7 @@ TEST_F(Session, AFullDiskEndsNothingAndNothingIsAcknowledgedThatItDidNotTake) {
   EXPECT_GT(std::max(*first, *second), *before);
   MonitorModel again;
   std::string damage;
-  EXPECT_EQ(files.reload([&](auto bytes, auto utc_ns) { return again.accept(bytes, utc_ns).verdict; }, [] {},
-                         damage),
-            packets.size());
+  EXPECT_EQ(reload(files, again, damage), packets.size());
   EXPECT_EQ(damage, "");
 }
 
@@ -207,7 +194,7 @@ TEST_F(Session, SavesWholeExportsAndKeepsALineAFrame) {
   EXPECT_FALSE(fs::exists(folder_ / "map.ply") || fs::exists(folder_ / "track.geojson"));
   std::size_t frames = 0;
   for (const auto& packet : packetsOf(150)) {
-    files.log(model.accept(packet.bytes, packet.utc_ns), packet.bytes, packet.utc_ns, true);
+    take(files, model, packet, true);
     ++frames;
   }
   view.take(model);
@@ -232,30 +219,27 @@ TEST_F(Session, ARecordingPlaysPausesSeeksAndGoesBack) {
   }
   Recording recording(folder_ / "packets.bin");
   std::size_t given = 0;
-  const auto take = [&](std::span<const std::uint8_t>, std::int64_t) { return ++given > 0; };
+  const auto count = [&](std::span<const std::uint8_t>, std::int64_t) { return ++given > 0; };
   const auto upTo = [&](double t) {
     return static_cast<std::size_t>(std::count_if(packets.begin(), packets.end(), [&](const auto& p) {
       return p.utc_ns <= packets.front().utc_ns + static_cast<std::int64_t>(t * 1e9);
     }));
   };
   recording.setSpeed(10, kSecond_ns);
-  while (recording.poll(take, 3 * kSecond_ns) > 0) {
-  }
+  while (recording.poll(count, 3 * kSecond_ns) > 0) continue;
   EXPECT_EQ(given, upTo(20));
   recording.setPlaying(false, 3 * kSecond_ns);
-  EXPECT_EQ(recording.poll(take, 90 * kSecond_ns), 0U);
+  EXPECT_EQ(recording.poll(count, 90 * kSecond_ns), 0U);
   EXPECT_FALSE(recording.seek(packets.front().utc_ns + 50 * kSecond_ns, 90 * kSecond_ns));
-  while (recording.poll(take, 90 * kSecond_ns) > 0) {
-  }
+  while (recording.poll(count, 90 * kSecond_ns) > 0) continue;
   EXPECT_EQ(given, upTo(50));
   given = 0;
   EXPECT_TRUE(recording.seek(packets.front().utc_ns + 10 * kSecond_ns, 91 * kSecond_ns));
-  while (recording.poll(take, 91 * kSecond_ns) > 0) {
-  }
+  while (recording.poll(count, 91 * kSecond_ns) > 0) continue;
   EXPECT_EQ(given, upTo(10));
   recording.setSpeed(0, 92 * kSecond_ns);
   recording.setPlaying(true, 92 * kSecond_ns);
-  while (!recording.finished()) recording.poll(take, 92 * kSecond_ns);
+  while (!recording.finished()) recording.poll(count, 92 * kSecond_ns);
   EXPECT_EQ(given, packets.size());
   EXPECT_EQ(recording.atUtcNs(), packets.back().utc_ns);
 }

@@ -5,7 +5,7 @@
 
 #include "realtime/base/units.hpp"
 #include "recon/navigation/dead_reckoning/dead_reckoning.hpp"
-#include "tests/navigation/analytic_dive.hpp"
+#include "tests/world/analytic_dive.hpp"
 
 namespace fathom::nav {
 namespace {
@@ -33,8 +33,13 @@ std::vector<Sample> without(const std::vector<Sample>& samples, double begin, do
   return left;
 }
 
-TEST(DeadReckoningFaults, GarbageBetweenGoodSamplesIsCountedAndChangesNothing) {
+class DeadReckoningFaults : public ::testing::Test {
+ protected:
   const DeadReckoningConfig config = mountedConfig();
+  DeadReckoning nav{config};
+};
+
+TEST_F(DeadReckoningFaults, GarbageBetweenGoodSamplesIsCountedAndChangesNothing) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   DeadReckoning clean(config), dirty(config);
   int rounds = 0;
@@ -75,9 +80,7 @@ TEST(DeadReckoningFaults, GarbageBetweenGoodSamplesIsCountedAndChangesNothing) {
   EXPECT_EQ(clean.counters().out_of_order, 0u);
 }
 
-TEST(DeadReckoningFaults, VelocitiesThatCannotBeAreRejected) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, VelocitiesThatCannotBeAreRejected) {
   std::uint64_t absurd = 0;
   auto samples = samplesOf(circle, config, 20, {7, 10, 5});
   for (Sample& sample : samples) {
@@ -90,9 +93,7 @@ TEST(DeadReckoningFaults, VelocitiesThatCannotBeAreRejected) {
   EXPECT_LT(positionError(*nav.poseAt(at(19)), circle, 19), 0.02);
 }
 
-TEST(DeadReckoningFaults, AShortLossOfBottomTrackIsBridgedAlongTheTurn) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, AShortLossOfBottomTrackIsBridgedAlongTheTurn) {
   auto samples = samplesOf(circle, config, 20);
   for (Sample& sample : samples) {
     auto* ensemble = std::get_if<DvlSample>(&sample);
@@ -106,9 +107,7 @@ TEST(DeadReckoningFaults, AShortLossOfBottomTrackIsBridgedAlongTheTurn) {
   EXPECT_LT(longestStep(nav), 0.012);
 }
 
-TEST(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
   const auto samples = samplesOf(circle, config, 45);
   const double begin = 5, end = 35;
   bool checked = false;
@@ -132,9 +131,7 @@ TEST(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
   EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
 }
 
-TEST(DeadReckoningFaults, ADvlThatArrivesLateIsTakenUpAgainAfterALongLoss) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, ADvlThatArrivesLateIsTakenUpAgainAfterALongLoss) {
   auto samples = without<DvlSample>(samplesOf(circle, config, 45), 5, 20);
   // Ensembles reach the vehicle a quarter of a second after the others' samples of their time.
   const auto arrival = [](const Sample& sample) {
@@ -150,9 +147,7 @@ TEST(DeadReckoningFaults, ADvlThatArrivesLateIsTakenUpAgainAfterALongLoss) {
   EXPECT_LT(longestStep(nav), 0.012);
 }
 
-TEST(DeadReckoningFaults, WithoutDepthTheDvlCarriesItAndItsReturnIsNoJump) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, WithoutDepthTheDvlCarriesItAndItsReturnIsNoJump) {
   feed(nav, without<DepthSample>(samplesOf(circle, config, 20), 5, 15));
   EXPECT_GT(nav.counters().depth_held, 0u);
   EXPECT_GT(nav.newestUtcNs(), at(19));
@@ -161,9 +156,7 @@ TEST(DeadReckoningFaults, WithoutDepthTheDvlCarriesItAndItsReturnIsNoJump) {
   EXPECT_LT(longestStep(nav), 0.012);
 }
 
-TEST(DeadReckoningFaults, ADepthSensorThatReturnsWithAnotherValueClosesTheDifferenceSlowly) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, ADepthSensorThatReturnsWithAnotherValueClosesTheDifferenceSlowly) {
   auto samples = without<DepthSample>(samplesOf(circle, config, 60), 5, 15);
   for (Sample& sample : samples) {
     auto* depth = std::get_if<DepthSample>(&sample);
@@ -174,9 +167,7 @@ TEST(DeadReckoningFaults, ADepthSensorThatReturnsWithAnotherValueClosesTheDiffer
   EXPECT_NEAR(nav.poseAt(at(58))->translation().z(), circle(58).translation().z() + 1.0, 0.01);
 }
 
-TEST(DeadReckoningFaults, ASilentCompassIsNotWaitedForForEver) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, ASilentCompassIsNotWaitedForForEver) {
   feed(nav, without<AttitudeSample>(samplesOf(circle, config, 20), 10, 100));
   EXPECT_GT(nav.newestUtcNs(), at(18));
   EXPECT_GT(nav.counters().attitude_held, 0u);
@@ -190,9 +181,7 @@ SE3 spiral(double t) {
                         {10 * std::cos(phase), 10 * std::sin(phase), 20 + 0.1 * t});
 }
 
-TEST(DeadReckoningFaults, APressureSensorThatSpeaksEveryTwoSecondsIsNotSilent) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, APressureSensorThatSpeaksEveryTwoSecondsIsNotSilent) {
   std::vector<Sample> samples = without<DepthSample>(samplesOf(spiral, config, 60, {5, 10, 0.5}), 29, 31);
   double worst = 0;
   for (const Sample& sample : samples) {
@@ -206,18 +195,14 @@ TEST(DeadReckoningFaults, APressureSensorThatSpeaksEveryTwoSecondsIsNotSilent) {
   EXPECT_LT(worst, 0.004);
 }
 
-TEST(DeadReckoningFaults, ACompassThatSpeaksEveryTwoAndAHalfSecondsIsNotSilent) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, ACompassThatSpeaksEveryTwoAndAHalfSecondsIsNotSilent) {
   feed(nav, without<AttitudeSample>(samplesOf(spiral, config, 60, {5, 0.4, 5}), 29, 31));
   EXPECT_EQ(nav.counters().attitude_held, 0u);  // one of its samples was lost
   EXPECT_GT(nav.newestUtcNs(), at(56));
   EXPECT_LT(positionError(*nav.poseAt(at(56)), spiral, 56), 0.004);
 }
 
-TEST(DeadReckoningFaults, ASlowSensorThatFallsSilentIsWaitedForThreeOfItsPeriods) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, ASlowSensorThatFallsSilentIsWaitedForThreeOfItsPeriods) {
   double held_since = 0;
   for (const Sample& sample : without<DepthSample>(samplesOf(spiral, config, 60, {5, 10, 0.5}), 30, 100)) {
     feed(nav, sample);
@@ -228,8 +213,7 @@ TEST(DeadReckoningFaults, ASlowSensorThatFallsSilentIsWaitedForThreeOfItsPeriods
   EXPECT_GT(nav.newestUtcNs(), at(59));
 }
 
-TEST(DeadReckoningFaults, VelocitiesWaitForALateAttitudeAndLoseNothing) {
-  const DeadReckoningConfig config = mountedConfig();
+TEST_F(DeadReckoningFaults, VelocitiesWaitForALateAttitudeAndLoseNothing) {
   DeadReckoning prompt(config), delayed(config);
   auto samples = samplesOf(circle, config, 20);
   feed(prompt, samples);
@@ -245,9 +229,7 @@ TEST(DeadReckoningFaults, VelocitiesWaitForALateAttitudeAndLoseNothing) {
   EXPECT_EQ(delayed.poseAt(at(19))->translation(), prompt.poseAt(at(19))->translation());
 }
 
-TEST(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
   auto samples = samplesOf(circle, config, 10);
   for (Sample& sample : samples) {
     if (auto* ensemble = std::get_if<DvlSample>(&sample)) {
@@ -260,9 +242,7 @@ TEST(DeadReckoningFaults, AnEnsembleWithoutASoundSpeedCountsAsCorrected) {
   EXPECT_LT(positionError(*nav.poseAt(at(9)), circle, 9), 0.005);
 }
 
-TEST(DeadReckoningFaults, WhatTheTrackRestedOnIsKnownForEachMomentOfIt) {
-  const DeadReckoningConfig config = mountedConfig();
-  DeadReckoning nav(config);
+TEST_F(DeadReckoningFaults, WhatTheTrackRestedOnIsKnownForEachMomentOfIt) {
   auto samples = without<AttitudeSample>(samplesOf(circle, config, 20), 8, 12);
   for (Sample& sample : samples) {
     if (auto* attitude = std::get_if<AttitudeSample>(&sample); attitude && attitude->utc_ns >= at(15.05))
@@ -285,8 +265,7 @@ TEST(DeadReckoningFaults, WhatTheTrackRestedOnIsKnownForEachMomentOfIt) {
   EXPECT_EQ(nav.qualityAt(at(25)).unlocked_s, nav.qualityAt(nav.newestUtcNs()).unlocked_s);
 }
 
-TEST(DeadReckoningFaults, ACompassThatLeapsDoesNotBendTheTrack) {
-  const DeadReckoningConfig config = mountedConfig();
+TEST_F(DeadReckoningFaults, ACompassThatLeapsDoesNotBendTheTrack) {
   DeadReckoning clean(config), leapt(config);
   for (Sample sample : samplesOf(circle, config, 30)) {
     feed(clean, sample);
@@ -297,8 +276,8 @@ TEST(DeadReckoningFaults, ACompassThatLeapsDoesNotBendTheTrack) {
     }
     feed(leapt, sample);
   }
-  EXPECT_EQ(clean.headingLeaps(), 0U);
-  EXPECT_EQ(leapt.headingLeaps(), 3U);  // the wild one there and back
+  EXPECT_EQ(clean.counters().heading_leaps, 0U);
+  EXPECT_EQ(leapt.counters().heading_leaps, 3U);  // the wild one there and back
   const SE3 a = *clean.poseAt(clean.newestUtcNs()), b = *leapt.poseAt(clean.newestUtcNs());
   // What the vehicle turned by between the samples of each leap is all that is lost: 0.6 degrees each.
   EXPECT_LT((a.translation() - b.translation()).norm(), 0.03 * 25);

@@ -6,13 +6,18 @@
 #include <algorithm>
 
 #include "recon/geometry/geodesy.hpp"
-#include "tests/navigation/analytic_dive.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/world/analytic_dive.hpp"
 
 namespace fathom::nav {
 namespace {
 
 using namespace fathom::nav::test;
+
+// 1 m/s at a heading of 0.3 rad.
+SE3 straight(double t) {
+  return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
+}
 
 double worstErrorOver(const DeadReckoning& nav, const Path& path, double begin, double end) {
   double worst = 0;
@@ -60,9 +65,6 @@ TEST(DeadReckoning, TurningOnTheSpotDoesNotMoveTheBodyWhateverTheLeverArm) {
 }
 
 TEST(DeadReckoning, AWaterSampleCorrectsTheScaleOfTheTrack) {
-  const Path straight = [](double t) {
-    return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
-  };
   const DeadReckoningConfig truth = mountedConfig();  // 1530 m/s
   DeadReckoningConfig wrong = truth;
   wrong.sound_speed = 1500;
@@ -80,9 +82,6 @@ TEST(DeadReckoning, AWaterSampleCorrectsTheScaleOfTheTrack) {
 }
 
 TEST(DeadReckoning, ASoundSpeedOfTheInstrumentAloneLeavesTheScaleLessCertain) {
-  const Path straight = [](double t) {
-    return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
-  };
   for (const double own : {1435.0, 1535.0, 1500.0}) {
     DeadReckoningConfig truth = mountedConfig();
     truth.sound_speed = own;  // and computed by the instrument
@@ -111,9 +110,6 @@ TEST(DeadReckoning, ASoundSpeedOfTheInstrumentAloneLeavesTheScaleLessCertain) {
 }
 
 TEST(DeadReckoning, APhasedArraysHorizontalVelocityNeedsNoSoundSpeed) {
-  const Path straight = [](double t) {
-    return SE3::fromEuler(0, 0, 0.3, {std::cos(0.3) * t, std::sin(0.3) * t, 5});
-  };
   DeadReckoningConfig truth;
   truth.sound_speed = 1500;
   DeadReckoningConfig config = truth;
@@ -139,11 +135,7 @@ TEST(DeadReckoning, FollowsTheGridWhereMeridiansConverge) {
                    north = nav.toGeodetic({0.5, kSpeed * t});  // of the grid
     const double grid_north =
         std::atan2((north.longitude - here.longitude) * std::cos(kLatitude), north.latitude - here.latitude);
-    AttitudeSample attitude;
-    attitude.utc_ns = at(t);
-    attitude.magnetic = false;
-    attitude.heading = M_PI / 2 + grid_north;
-    track.add(attitude);
+    track.add(AttitudeSample{.utc_ns = at(t), .heading = M_PI / 2 + grid_north, .magnetic = false});
     track.add(DepthSample{at(t), 10});
     DvlSample dvl;
     dvl.utc_ns = at(t);

@@ -1,11 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <limits>
-#include <map>
 
 #include "realtime/base/units.hpp"
 #include "recon/navigation/dead_reckoning/dead_reckoning.hpp"
-#include "tests/navigation/analytic_dive.hpp"
+#include "tests/world/analytic_dive.hpp"
 
 namespace fathom::nav {
 namespace {

@@ -7,19 +7,14 @@
 #include <stdexcept>
 
 #include "recon/solver/batch/graph_covariance.hpp"
-#include "tests/navigation/synthetic_dive.hpp"
-#include "tests/solver/dense_graph.hpp"
+#include "tests/world/dive.hpp"
+#include "tests/world/graphs.hpp"
 
 namespace fathom::slam {
 namespace {
 
-using testing::errorsOf;
-using testing::makeDive;
-using testing::Measured;
-using testing::measuredOf;
-using testing::squaredError;
-using testing::SyntheticDive;
-using testing::SyntheticDiveOptions;
+using testing::errorsOf, testing::makeDive, testing::Measured, testing::measuredOf, testing::squaredError;
+using testing::SyntheticDive, testing::SyntheticDiveOptions;
 
 NavigationSolution solve(const SyntheticDive& survey, const SyntheticDiveOptions& options, Measured& measured,
                          const NavigationConfig& config = {}) {
@@ -42,9 +37,7 @@ TEST(NavigationBatch, IsAsGoodAsTheTrueClosuresAllow) {
 }
 
 TEST(NavigationBatch, ItsCovarianceIsConsistentOverManySurveys) {
-  SyntheticDiveOptions options;
-  options.lines = 3;
-  options.line_length = 10;
+  SyntheticDiveOptions options{.lines = 3, .line_length = 10};
   NavigationConfig config;
   config.noise = testing::syntheticNoise();
   constexpr int kSurveys = 40;
@@ -70,9 +63,7 @@ TEST(NavigationBatch, ItsCovarianceIsConsistentOverManySurveys) {
 }
 
 TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
-  SyntheticDiveOptions options;
-  options.lines = 2;
-  options.line_length = 8;
+  SyntheticDiveOptions options{.lines = 2, .line_length = 8};
   const SyntheticDive survey = makeDive(options);
   Measured measured = measuredOf(survey, options.usbl_sigma);
   const NavigationSolution solved = solve(survey, options, measured);
@@ -92,9 +83,7 @@ TEST(NavigationBatch, MarginalCovariancesAreThoseOfTheWholeInverse) {
 }
 
 TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
-  SyntheticDiveOptions options;
-  options.lines = 6;
-  options.line_length = 60;
+  SyntheticDiveOptions options{.lines = 6, .line_length = 60};
   options.anchor_sigma = 0.1;  // by GPS
   options.ship = {80, -40};
   options.usbl_turn = 0.05;
@@ -122,12 +111,10 @@ TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
 }
 
 TEST(NavigationBatch, WhatReadingsShareIsAsLargeAsTheyAreSeenToDiffer) {
-  SyntheticDiveOptions options;
-  options.visual_share = 1;
+  SyntheticDiveOptions options{.visual_share = 1};
   const auto seen = [&](const SyntheticDive& survey) {
     Measured measured = measuredOf(survey, options.usbl_sigma);
-    SensorNoise noise;
-    noise.usbl_shift = 0.1;  // below what is seen
+    SensorNoise noise{.usbl_shift = 0.1};  // below what is seen
     return adaptedNoise(noise, survey.inputs, measured.fixes, solve(survey, options, measured));
   };
   const SensorNoise usual, calm = seen(makeDive(options));
@@ -154,8 +141,7 @@ TEST(NavigationBatch, WhatReadingsShareIsAsLargeAsTheyAreSeenToDiffer) {
 }
 
 TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
-  SyntheticDiveOptions options;
-  options.usbl_period = 4;
+  SyntheticDiveOptions options{.usbl_period = 4};
   const SyntheticDive survey = makeDive(options);
   Measured clean = measuredOf(survey, options.usbl_sigma), dirty = clean;
   const std::vector<SE3> right = solve(survey, options, clean).poses;
@@ -179,12 +165,8 @@ TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
 
 // The compass leaps while the DVL is dead, which visual odometry alone shows [s], [rad].
 SyntheticDiveOptions leapWithoutBottomTrack(double dead_to, double jump_at, double jump) {
-  SyntheticDiveOptions options;
-  options.dvl_dead_from = 40;
-  options.dvl_dead_to = dead_to;
-  options.jump_at = jump_at;
-  options.jump = jump;
-  options.jump_known = false;
+  SyntheticDiveOptions options{
+      .dvl_dead_from = 40, .dvl_dead_to = dead_to, .jump_at = jump_at, .jump = jump, .jump_known = false};
   return options;
 }
 

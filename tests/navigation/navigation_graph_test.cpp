@@ -6,18 +6,13 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "tests/navigation/synthetic_dive.hpp"
+#include "tests/world/dive.hpp"
 
 namespace fathom::slam {
 namespace {
 
-using testing::drive;
-using testing::errorsOf;
-using testing::makeDive;
-using testing::posesOf;
-using testing::smallConfig;
-using testing::SyntheticDive;
-using testing::SyntheticDiveOptions;
+using testing::drive, testing::errorsOf, testing::makeDive, testing::posesOf, testing::smallConfig;
+using testing::SyntheticDive, testing::SyntheticDiveOptions;
 
 std::vector<SE3> reckonedOf(const SyntheticDive& survey) {
   std::vector<SE3> poses;
@@ -25,15 +20,22 @@ std::vector<SE3> reckonedOf(const SyntheticDive& survey) {
   return poses;
 }
 
+// A dive, and the graph that was driven through it.
+struct Driven {
+  explicit Driven(const SyntheticDiveOptions& options = {}, const NavigationConfig& config = smallConfig())
+      : survey(makeDive(options)), graph(config) {
+    drive(graph, survey, options);
+  }
+  SyntheticDive survey;
+  NavigationGraph graph;
+};
+
 double nees(NavigationGraph& graph, const SyntheticDive& survey, int k) {
   return testing::squaredError(graph.pose(k), survey.truth[static_cast<std::size_t>(k)], graph.covariance(k));
 }
 
 TEST(NavigationGraph, ClosuresTakeOutTheDriftOfDeadReckoning) {
-  const SyntheticDiveOptions options;
-  const SyntheticDive survey = makeDive(options);
-  NavigationGraph graph(smallConfig());
-  drive(graph, survey, options);
+  auto [survey, graph] = Driven();
   ASSERT_EQ(graph.keyframes(), static_cast<int>(survey.truth.size()));
   const double before = errorsOf(reckonedOf(survey), survey.truth).aligned;
   const double after = errorsOf(posesOf(graph), survey.truth).aligned;
@@ -45,18 +47,14 @@ TEST(NavigationGraph, ClosuresTakeOutTheDriftOfDeadReckoning) {
 
 TEST(NavigationGraph, ItsCovarianceIsConsistentOverManySurveys) {
   // Sum of the NEES at a few poses of each survey; those of one survey hang together, surveys do not.
-  SyntheticDiveOptions options;
-  options.lines = 3;
-  options.line_length = 10;
+  SyntheticDiveOptions options{.lines = 3, .line_length = 10};
   NavigationConfig config = smallConfig();
   config.noise = testing::syntheticNoise();
   constexpr int kSurveys = 40;
   double newest = 0, middle = 0, relative = 0;
   for (int seed = 1; seed <= kSurveys; ++seed) {
     options.seed = static_cast<std::uint64_t>(seed);
-    const SyntheticDive survey = makeDive(options);
-    NavigationGraph graph(config);
-    drive(graph, survey, options);
+    auto [survey, graph] = Driven(options, config);
     const int last = graph.keyframes() - 1;
     newest += nees(graph, survey, last);
     middle += nees(graph, survey, last / 2);
@@ -89,11 +87,7 @@ double farthest(NavigationGraph& graph, const SyntheticDive& survey) {
 }
 
 TEST(NavigationGraph, ClaimsWhatAllPositionsOfAUsblShareAndFindsItByGps) {
-  SyntheticDiveOptions options;
-  options.bias_from = 0;
-  options.ship = {40, -20};
-  options.usbl_turn = 0.03;
-  options.lines = 3;
+  SyntheticDiveOptions options{.lines = 3, .bias_from = 0, .usbl_turn = 0.03, .ship = {40, -20}};
   constexpr double kGps = 0.3;  // [m]
   for (std::uint64_t seed = 1; seed <= 8; ++seed) {
     options.seed = seed;
@@ -120,10 +114,7 @@ TEST(NavigationGraph, ClaimsWhatAllPositionsOfAUsblShareAndFindsItByGps) {
 // Steps that are known to a third of a millimetre, taken again, in a graph that nothing holds: what the
 // factor knows of them must not be lost in rounding. The first position then moves it all.
 TEST(NavigationGraph, WhatNothingHoldsIsStillKnownWithinItself) {
-  SyntheticDiveOptions options;
-  options.lines = 6;
-  options.closure_share = 0;
-  options.usbl_period = 1e9;
+  SyntheticDiveOptions options{.lines = 6, .closure_share = 0, .usbl_period = 1e9};
   SyntheticDive survey = makeDive(options);
   survey.link_covariance /= 40;
   NavigationGraph graph(smallConfig());
@@ -149,11 +140,7 @@ TEST(NavigationGraph, WhatNothingHoldsIsStillKnownWithinItself) {
 }
 
 TEST(NavigationGraph, ClaimsAScaleThatAllPathsShareUntilAFixFarAwayMeasuresIt) {
-  SyntheticDiveOptions options;
-  options.lines = 1;
-  options.line_length = 120;
-  options.closure_share = 0;
-  options.usbl_period = 1e9;
+  SyntheticDiveOptions options{.lines = 1, .line_length = 120, .closure_share = 0, .usbl_period = 1e9};
   constexpr double kAnchor = 0.1;  // [m]
   constexpr int kFar = 235;        // keyframe near the line's end
   NavigationConfig config = smallConfig();
@@ -216,18 +203,14 @@ TEST(NavigationGraph, AFirstOutlierOfTheUsblDoesNotRejectThePositionsAfterIt) {
 }
 
 TEST(NavigationGraph, DeadReckoningAloneIsConsistentToo) {
-  SyntheticDiveOptions options;
-  options.visual_share = 0;
-  options.closure_share = 0;
+  SyntheticDiveOptions options{.closure_share = 0, .visual_share = 0};
   NavigationConfig config = smallConfig();
   config.noise = testing::syntheticNoise();
   constexpr int kSurveys = 40;
   double sum = 0;
   for (int seed = 1; seed <= kSurveys; ++seed) {
     options.seed = static_cast<std::uint64_t>(seed);
-    const SyntheticDive survey = makeDive(options);
-    NavigationGraph graph(config);
-    drive(graph, survey, options);
+    auto [survey, graph] = Driven(options, config);
     sum += nees(graph, survey, graph.keyframes() - 1);
   }
   EXPECT_GT(sum / kSurveys, 0.5 * 6);
@@ -237,11 +220,7 @@ TEST(NavigationGraph, DeadReckoningAloneIsConsistentToo) {
 TEST(NavigationGraph, FindsScaleAndMisalignmentOfTheDvl) {
   const SyntheticDiveOptions options;
   for (const std::uint64_t seed : {3U, 4U, 5U}) {
-    SyntheticDiveOptions o = options;
-    o.seed = seed;
-    const SyntheticDive survey = makeDive(o);
-    NavigationGraph graph(smallConfig());
-    drive(graph, survey, o);
+    auto [survey, graph] = Driven({.seed = seed});
     EXPECT_NEAR(graph.dvl().scale(), -survey.dvl_scale, 4 * std::sqrt(graph.dvl().covariance()(0, 0)));
     EXPECT_NEAR(graph.dvl().heading(), survey.dvl_heading, 4 * std::sqrt(graph.dvl().covariance()(1, 1)));
     EXPECT_LT(graph.dvl().remainingShare(), 0.002);
@@ -250,14 +229,13 @@ TEST(NavigationGraph, FindsScaleAndMisalignmentOfTheDvl) {
 }
 
 TEST(NavigationGraph, SurvivesADeadDvlAJumpingCompassAndWildFixes) {
-  SyntheticDiveOptions options;
-  options.dvl_dead_from = 40;
-  options.dvl_dead_to = 100;
-  options.jump_at = 70;
-  options.jump = 20 * 3.14159265 / 180;
-  options.jump_known = false;
-  options.wild_fixes = 0.1;
-  options.usbl_period = 2;
+  SyntheticDiveOptions options{.usbl_period = 2,
+                               .wild_fixes = 0.1,
+                               .dvl_dead_from = 40,
+                               .dvl_dead_to = 100,
+                               .jump_at = 70,
+                               .jump = 20 * 3.14159265 / 180,
+                               .jump_known = false};
   const SyntheticDive survey = makeDive(options);
   NavigationConfig config = smallConfig();
   config.noise.usbl_shift = 0;  // positions that share nothing
@@ -272,10 +250,7 @@ TEST(NavigationGraph, SurvivesADeadDvlAJumpingCompassAndWildFixes) {
 }
 
 TEST(NavigationGraph, AnOutlierOfTheDvlIsRejectedAndTheDvlAcceptedAgainLater) {
-  SyntheticDiveOptions options;
-  options.outlier_from = 30;
-  options.outlier_to = 60;
-  options.outlier = 0.2;
+  SyntheticDiveOptions options{.outlier_from = 30, .outlier_to = 60, .outlier = 0.2};
   const SyntheticDive survey = makeDive(options);
   NavigationGraph graph(smallConfig());
   graph.setAnchor(survey.anchor, options.anchor_sigma);
@@ -295,10 +270,7 @@ TEST(NavigationGraph, AnOutlierOfTheDvlIsRejectedAndTheDvlAcceptedAgainLater) {
 }
 
 TEST(NavigationGraph, AFalseClosureIsRejectedOrSwitchedOff) {
-  const SyntheticDiveOptions options;
-  const SyntheticDive survey = makeDive(options);
-  NavigationGraph graph(smallConfig());
-  drive(graph, survey, options);
+  auto [survey, graph] = Driven();
   const std::vector<SE3> before = posesOf(graph);
   const SE3 false_pose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.3, 0, 0));
   EXPECT_EQ(graph.addLink(LinkKind::kClosure, 5, graph.keyframes() - 1, false_pose, survey.link_covariance),
@@ -344,10 +316,7 @@ TEST(NavigationGraph, AFalseClosureThatCameFirstIsSwitchedOffByTrueOnes) {
 }
 
 TEST(NavigationGraph, GivesKeyframesThatMovedTheFarthestFirst) {
-  const SyntheticDiveOptions options;
-  const SyntheticDive survey = makeDive(options);
-  NavigationGraph graph(smallConfig());
-  drive(graph, survey, options);
+  auto [survey, graph] = Driven();
   ASSERT_GT(graph.changesWaiting(), 10U);
   std::size_t taken = 0;
   const std::size_t waiting = graph.changesWaiting();

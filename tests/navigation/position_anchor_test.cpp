@@ -81,12 +81,12 @@ TEST(PositionAnchor, RefusesNonsenseAndCountsIt) {
 TEST(PositionAnchor, ALongMissionStaysInItsMemoryAndIsSampledEvenly) {
   PositionAnchor anchor(0);
   constexpr int kFixes = 10 * PositionAnchor::kCapacity;
-  const auto before = test::threadCost();
+  const auto before = fathom::test::threadCost();
   // The difference drifts by 5 m over the mission: an even sample averages to the middle of it.
   for (int i = 0; i < kFixes; ++i)
     anchor.add(FixKind::kUsbl, kShift + Eigen::Vector2d(5.0 * i / kFixes, 0), 0.3);
   const auto estimate = anchor.estimate();
-  EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
+  EXPECT_EQ((fathom::test::threadCost() - before).heap_calls, 0u);
   EXPECT_NEAR(estimate->shift.x() - kShift.x(), 2.5, 0.1);
   EXPECT_LE(estimate->usbl_used, PositionAnchor::kCapacity);
 }

@@ -5,18 +5,13 @@
 #include <random>
 
 #include "recon/navigation/graph/navigation_graph.hpp"
-#include "tests/navigation/synthetic_dive.hpp"
+#include "tests/world/dive.hpp"
 
 namespace fathom::slam {
 namespace {
 
-using testing::drive;
-using testing::driveOn;
-using testing::makeDive;
-using testing::smallConfig;
-using testing::SyntheticDive;
-using testing::SyntheticDiveOptions;
-using testing::turnAll;
+using testing::drive, testing::driveOn, testing::makeDive, testing::smallConfig, testing::SyntheticDive;
+using testing::SyntheticDiveOptions, testing::turnAll;
 
 // RMS of the vertical error about its mean [m].
 double verticalErrorOf(const NavigationGraph& graph, const SyntheticDive& survey) {
@@ -49,8 +44,7 @@ SyntheticDive tidalSurvey(const SyntheticDiveOptions& options) {
 }
 
 TEST(NavigationGraph, ATideThatNobodyPredictsGoesIntoTheDepthsReferenceAndNotIntoTheMap) {
-  SyntheticDiveOptions options;
-  options.line_length = 35;
+  SyntheticDiveOptions options{.line_length = 35};
   const SyntheticDive survey = tidalSurvey(options);
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
@@ -65,9 +59,7 @@ TEST(NavigationGraph, ATideThatNobodyPredictsGoesIntoTheDepthsReferenceAndNotInt
 // A line that crosses many others within a minute shows that the sea rose while they were flown, however
 // gently their heights are biased; the vehicle's tilt, its bias turning with it, shows it too.
 TEST(NavigationGraph, ATideDoesNotTiltTheMap) {
-  SyntheticDiveOptions options;
-  options.lines = 12;
-  options.line_length = 12;
+  SyntheticDiveOptions options{.lines = 12, .line_length = 12};
   const SyntheticDive survey = tidalSurvey(options);
   NavigationGraph graph(smallConfig());
   drive(graph, survey, options);
@@ -84,8 +76,7 @@ TEST(NavigationGraph, ATideDoesNotTiltTheMap) {
 }
 
 TEST(NavigationGraph, SwellNeitherContradictsTheDvlNorMovesTheHeights) {
-  SyntheticDiveOptions options;
-  options.visual_share = 0.7;
+  SyntheticDiveOptions options{.visual_share = 0.7};
   SyntheticDive survey = makeDive(options);
   constexpr double kSwell = 0.38;  // amplitude [m]
   for (KeyframeInput& input : survey.inputs) {
@@ -105,9 +96,7 @@ TEST(NavigationGraph, SwellNeitherContradictsTheDvlNorMovesTheHeights) {
 // Swell of changing amplitude, and a tide that is predicted or not.
 TEST(NavigationGraph, SwellMovesTheHeightsLessWhereTheTideIsPredicted) {
   constexpr double kSwell = 0.27, kKeeps = 0.9;  // standard deviation [m]; of a wave's sine, each second
-  SyntheticDiveOptions options;
-  options.lines = 12;
-  options.line_length = 12;
+  SyntheticDiveOptions options{.lines = 12, .line_length = 12};
   std::mt19937_64 random(9);
   std::normal_distribution<double> normal;
   double free = 0, predicted = 0;
@@ -142,8 +131,7 @@ void lengthen(SyntheticDive& survey, double longer, int from) {
 // the DVL's, which is known better.
 TEST(NavigationGraph, ARigWhoseRangesAreWrongLeavesARightDvlAsItIs) {
   for (const double longer : {0.02, -0.02}) {
-    SyntheticDiveOptions options;
-    options.seed = 6;
+    SyntheticDiveOptions options{.seed = 6};
     SyntheticDive survey = makeDive(options);
     lengthen(survey, longer, 0);
     NavigationGraph graph(smallConfig());
@@ -157,8 +145,7 @@ TEST(NavigationGraph, ARigWhoseRangesAreWrongLeavesARightDvlAsItIs) {
 }
 
 TEST(NavigationGraph, AKnockedRigIsNotTakenForADvlThatFails) {
-  SyntheticDiveOptions options;
-  options.seed = 7;
+  SyntheticDiveOptions options{.seed = 7};
   SyntheticDive survey = makeDive(options);
   constexpr int kKnocked = 60, kMeasured = 68;
   lengthen(survey, 0.5, kKnocked);
@@ -182,8 +169,7 @@ SyntheticDive alongItsImage(const SyntheticDiveOptions& options) {
 // line to the same side: closures between lines show it, and the links that come are without it.
 TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
   constexpr double kSpin = 1e-3;  // [rad/m]
-  SyntheticDiveOptions options;
-  options.lines = 10;
+  SyntheticDiveOptions options{.lines = 10};
   SyntheticDive survey = alongItsImage(options);
   NavigationGraph straight(smallConfig());
   drive(straight, survey, options);
@@ -198,10 +184,7 @@ TEST(SeaAndRig, AYawThatAllStepsShareIsShownByClosures) {
 // Until something shows it, what images' turns have in common is claimed: without closures the compass alone
 // measures the yaw, and nothing a curve of ranges across the lines.
 TEST(SeaAndRig, WhatAllStepsTurnByIsClaimedWhereNothingShowsIt) {
-  SyntheticDiveOptions options;
-  options.lines = 3;
-  options.line_length = 12;
-  options.closure_share = 0;
+  SyntheticDiveOptions options{.lines = 3, .line_length = 12, .closure_share = 0};
   NavigationConfig config = smallConfig();
   config.noise = testing::syntheticNoise();
   std::normal_distribution<double> normal;
@@ -235,9 +218,7 @@ TEST(SeaAndRig, WhatAllStepsTurnByIsClaimedWhereNothingShowsIt) {
 TEST(SeaAndRig, RangesThatAreCurvedAcrossTheLinesAreShownByClosures) {
   constexpr double kCurl = 8e-3;  // [rad/m]
   constexpr int kSurveys = 4;
-  SyntheticDiveOptions options;
-  options.lines = 10;
-  options.closure_share = 1;
+  SyntheticDiveOptions options{.lines = 10, .closure_share = 1};
   double mean = 0;
   for (options.seed = 1; options.seed <= kSurveys; ++options.seed) {
     SyntheticDive survey = alongItsImage(options);
@@ -256,10 +237,7 @@ TEST(SeaAndRig, RangesThatAreCurvedAcrossTheLinesAreShownByClosures) {
 TEST(SeaAndRig, ACurveThatClosuresDoNotShowBendsNoSurvey) {
   constexpr double kCurl = -4e-3, kSwell = 0.3;  // [rad/m]; standard deviation [m]
   constexpr int kSurveys = 3;
-  SyntheticDiveOptions options;
-  options.lines = 40;
-  options.line_length = 10;
-  options.reach = 1.3;
+  SyntheticDiveOptions options{.lines = 40, .line_length = 10, .reach = 1.3};
   NavigationConfig config = smallConfig();
   config.max_keyframes = 1600;
   std::normal_distribution<double> normal;

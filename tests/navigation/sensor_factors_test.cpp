@@ -4,7 +4,6 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <functional>
 #include <random>
 #include <stdexcept>
 
@@ -104,8 +103,7 @@ TEST(SensorFactors, AStepIsThePathOfTheDvlWhateverTheCompassReadsAtItsEnd) {
   const Eigen::Quaterniond turned = Eigen::AngleAxisd(wrong, Eigen::Vector3d::UnitZ()) * b.rotation();
   const SE3 reckoned(turned, b * kDvl - turned * kDvl);
   const StepQuality quality{1.0, 0, 0, 0.004, 0};
-  SensorNoise noise;
-  noise.dvl_wander = 0;
+  SensorNoise noise{.dvl_wander = 0};
   EXPECT_LT(chi2(stepFactor(kA, kB, a, reckoned, kDvl, quality, noise), a, b), 0.05);
   EXPECT_GT(chi2(stepFactor(kA, kB, a, reckoned, Eigen::Vector3d::Zero(), quality, noise), a, b), 20);
 }
@@ -179,8 +177,7 @@ TEST(SensorFactors, ALinkWeighsPlaceAndTurnTogetherWhereTheyAreCorrelated) {
 
 TEST(SensorFactors, AStepIsLessCertainWhileAttitudeIsAway) {
   SensorNoise noise;
-  StepQuality quality;
-  quality.seconds = 10;
+  StepQuality quality{.seconds = 10};
   const double known = stepSigma(2, quality, noise);
   quality.seconds_untilted = 10;
   const double turned = noise.unknown_turn * 10;  // half of it in the mean, over the path
@@ -188,8 +185,7 @@ TEST(SensorFactors, AStepIsLessCertainWhileAttitudeIsAway) {
 }
 
 TEST(SensorFactors, NoiseOutOfRangeIsRefused) {
-  SensorNoise noise;
-  noise.heading = 0;
+  SensorNoise noise{.heading = 0};
   EXPECT_THROW(noise.validate(), std::invalid_argument);
   noise = {};
   noise.deviation_drift = std::nan("");
@@ -229,8 +225,7 @@ TEST(LossOfTrack, OfAMinuteIsAsWideInSixtyStepsAsInOne) {
   LossOfTrack loss;
   double variance = 0;
   for (int second = 0; second < 60; ++second) {
-    StepQuality quality;
-    quality.seconds_unlocked = loss.add(1);
+    StepQuality quality{.seconds_unlocked = loss.add(1)};
     const double locked = stepSigma(0, {}, noise), unlocked = stepSigma(0, quality, noise);
     variance += unlocked * unlocked - locked * locked;
   }
@@ -246,8 +241,7 @@ TEST(SoundShare, WidensTheScaleOfTheDvlUntilTheImagesHaveShownIt) {
   calibration.setSoundShare(0.025);
   EXPECT_NEAR(calibration.remainingShare(), std::hypot(0.025, noise.dvl_scale), 1e-12);
   // The instrument's 1500 m/s are 3 % too fast.
-  StepQuality quality;
-  quality.seconds = 1;
+  StepQuality quality{.seconds = 1};
   const Matrix6d covariance = Matrix6d::Identity() * 1e-6;
   SE3 T_odom_a;
   for (int k = 0; k < 40; ++k) {
@@ -281,8 +275,7 @@ struct CurvedSteps {
     Vector6d turn = Vector6d::Zero();
     turn.tail<3>() = kPath * turn_per_m;
     const SE3 path = at({kPath, 0, 0}), seen = path * at(ground) * SE3::exp(turn) * at(-ground);
-    StepQuality quality;
-    quality.seconds = 1;
+    StepQuality quality{.seconds = 1};
     std::normal_distribution<double> normal(0, noise);
     const auto read = [&](double x) {
       Vector6d wrong = Vector6d::Zero();
@@ -347,9 +340,7 @@ TEST(DvlCalibration, TakesNoTiltedGroundForACurve) {
   constexpr double kRange = 2, kPath = 0.15, kTurn = 0.2, kTilted = 1e-3;  // [m], [m], [rad], [rad/m]
   constexpr int kLoops = 40, kSteps = 15;
   const SE3 ahead(Eigen::Quaterniond::Identity(), {0, 0, kRange});
-  StepQuality quality;
-  quality.seconds = 0.5;
-  quality.turn = kTurn;
+  StepQuality quality{.seconds = 0.5, .turn = kTurn};
   const auto learnt = [&](const RigPrior& rig, const Eigen::Vector3d& tilt) {
     Vector6d tilts = Vector6d::Zero();
     tilts.tail<3>() = kRange * tilt;
@@ -367,8 +358,7 @@ TEST(DvlCalibration, TakesNoTiltedGroundForACurve) {
     }
     return calibration;
   };
-  RigPrior level;
-  level.ground_tilt = 0;
+  RigPrior level{.ground_tilt = 0};
   for (const Eigen::Vector3d& tilt : {Eigen::Vector3d(kTilted, 0, 0), Eigen::Vector3d(0, kTilted, 0)}) {
     EXPECT_LT(learnt({}, tilt).curl().head<3>().norm(), 1.4e-4);
     EXPECT_GT(learnt(level, tilt).curl().head<3>().norm(), 1e-3);

@@ -1,14 +1,9 @@
 #include <gtest/gtest.h>
 
-#include <cstring>
-#include <iterator>
-
 #include "realtime/base/bytes/state_archive.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
-#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -1,6 +1,5 @@
 #include "tests/onboard/cores_run.hpp"
 
-#include <array>
 #include <variant>
 
 #include "realtime/base/bytes/state_archive.hpp"

@@ -1,16 +1,11 @@
 #pragma once
 
-#include <cstdint>
-#include <filesystem>
-#include <string>
-#include <vector>
-
 #include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/mission/mission.hpp"
 #include "realtime/base/bytes/state_archive_fwd.hpp"
 #include "realtime/onboard/link/link_core.hpp"
 #include "realtime/onboard/map/map_core.hpp"
-#include "realtime/onboard/nav/nav_feed.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "realtime/onboard/recorded_pairs.hpp"
 #include "telemetry/ship/link_receiver.hpp"

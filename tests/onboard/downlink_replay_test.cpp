@@ -1,19 +1,16 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <deque>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "firmware_if/mission/mission.hpp"
-#include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
 #include "realtime/onboard/replay.hpp"
 #include "telemetry/downlink/downlink.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "tests/onboard/replayed_dive.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -54,10 +51,7 @@ class DownlinkReplay : public ::testing::Test {
 
   // Where the vehicle truly was, moved to the north by `off` [m].
   telemetry::UsblFixMessage fixAt(std::int64_t utc_ns, double off) const {
-    const auto after =
-        std::lower_bound(truth_.begin(), truth_.end(), utc_ns,
-                         [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
-    const Eigen::Vector3d p = (after == truth_.end() ? truth_.back() : *after).pose.translation();
+    const Eigen::Vector3d p = testing::poseAt(truth_, utc_ns).translation();
     const Geodetic g = local_->toGeodetic({p.x() + off, p.y()});
     return {utc_ns, g.latitude * kDegreesPerRadian, g.longitude * kDegreesPerRadian, p.z(), 0.3};
   }
@@ -92,10 +86,7 @@ class DownlinkReplay : public ::testing::Test {
   }
 
   ReplayOptions into(const std::string& name) const {
-    ReplayOptions options;
-    options.mission = kMission;
-    options.out = folder_.path() / name;
-    return options;
+    return ReplayOptions{.mission = kMission, .config = {}, .out = folder_.path() / name, .link = {}};
   }
   ReplaySummary runWith(ScriptedModem& modem, ReplayOptions options) const {
     options.link.modem = &modem;
@@ -137,14 +128,7 @@ TEST_F(DownlinkReplay, FixesFromTheShipMoveTheTrackAndTheirRecordingReplaysToThe
   again.link.downlink = folder_.path() / "live" / "downlink.bin";
   const ReplaySummary replayed = replay(again);
   EXPECT_EQ(replayed.frames_received, live.frames_received);
-  int files = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(folder_.path() / "live")) {
-    const auto name = entry.path().filename();
-    if (name == "timing.json") continue;
-    EXPECT_EQ(test::readText(entry.path()), test::readText(folder_.path() / "again" / name)) << name;
-    ++files;
-  }
-  EXPECT_EQ(files, 8);
+  EXPECT_EQ(testing::expectSameFiles(folder_.path() / "live", folder_.path() / "again"), 8);
   EXPECT_FALSE(std::filesystem::exists(folder_.path() / "alone" / "downlink.bin"));
 }
 

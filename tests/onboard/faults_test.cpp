@@ -1,9 +1,8 @@
 #include <gtest/gtest.h>
 
 #include "realtime/onboard/replay.hpp"
-#include "tests/onboard/track_error.hpp"
+#include "tests/onboard/replayed_dive.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -13,10 +12,7 @@ namespace {
 const std::filesystem::path kMission = FATHOM_FAULTY_MISSION;
 
 ReplaySummary run(const std::filesystem::path& out, bool no_slam) {
-  ReplayOptions options;
-  options.mission = kMission;
-  options.out = out;
-  options.no_slam = no_slam;
+  ReplayOptions options{.mission = kMission, .config = {}, .out = out, .no_slam = no_slam, .link = {}};
   return replay(options);
 }
 
@@ -30,11 +26,7 @@ TEST(Faults, DeadJumpingAndOutlyingSensorsCostCentimetresAndTwoReplaysAgreeInEve
   EXPECT_GT(testing::trackError(kMission, folder.path() / "reckoned").shape, 1.0);
   EXPECT_LT(testing::trackError(kMission, folder.path() / "a").shape, 0.05);
   EXPECT_LT(testing::trackError(kMission, folder.path() / "a").absolute, 0.5);  // as GPS has it
-  for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
-    const auto name = entry.path().filename();
-    if (name == "timing.json") continue;
-    EXPECT_EQ(test::readText(entry.path()), test::readText(folder.path() / "b" / name)) << name;
-  }
+  testing::expectSameFiles(folder.path() / "a", folder.path() / "b");
 }
 
 }  // namespace

@@ -2,29 +2,27 @@
 // needs, and the log reaches further than what it had consumed.
 #include <gtest/gtest.h>
 
-#include <memory>
 #include <random>
 
 #include "realtime/base/bytes/state_archive.hpp"
-#include "realtime/onboard/map/mesh_slot.hpp"
-#include "realtime/onboard/restarting_run.hpp"
+#include "realtime/onboard/map/moving_map.hpp"
+#include "realtime/onboard/replay.hpp"
 #include "realtime/onboard/slots/slot_file.hpp"
 #include "recon/closure/frame_features.hpp"
 #include "tests/onboard/cores_run.hpp"
+#include "tests/onboard/replayed_dive.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::RecordedMission;
 
 constexpr int kKeyframes = 30, kPairs = 50;  // held at once
 
 class FullPools : public ::testing::Test {
  protected:
-  RecordedMission mission{FATHOM_FAULTY_MISSION};
+  testing::RecordedMission mission{FATHOM_FAULTY_MISSION};
   RecordedPairs pairs{mission.paths, mission.mission, mission.rig};
   const test::TemporaryFolder folder;
   std::vector<io::OnboardInput> log;
@@ -96,8 +94,7 @@ class FullPools : public ::testing::Test {
     SlotFile features(output.folder(), kKeyframes, featureBytes()),
         meshes(output.folder(), kPairs, meshBytes());
     RestartingRun replayed([&] { return makeRun(output, {&features, &meshes}); }, log);
-    while (replayed.step()) {
-    }
+    while (replayed.step()) continue;
     end(replayed.run(), output);
   }
 
@@ -145,14 +142,7 @@ TEST_F(FullPools, ADiveCutOffTwiceIsTheOneThatItsLogReplaysTo) {
     end(*life.run, life.output);
   }
   replayLog();
-  int compared = 0;
-  for (const auto& entry : fs::directory_iterator(folder.path() / "live")) {
-    const std::string name = entry.path().filename();
-    if (name == "timing.json") continue;
-    EXPECT_TRUE(test::readText(entry.path()) == test::readText(folder.path() / "again" / name)) << name;
-    ++compared;
-  }
-  EXPECT_GE(compared, 7);
+  EXPECT_GE(testing::expectSameFiles(folder.path() / "live", folder.path() / "again"), 7);
 }
 
 // What a drive without protection leaves of a journal that was not flushed: records up to somewhere, rubbish

@@ -1,20 +1,17 @@
 // Two cameras over real GVCP and GVSP, with every fault that a camera has, and the pairing behind them.
 #include <algorithm>
-#include <array>
 #include <mutex>
 #include <set>
 #include <sstream>
 
-#include "realtime/onboard/nav/stereo_pairing.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 #include "tests/sim/gige_bench.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-using test::BenchCamera;
 using test::BenchClient;
-using test::BenchMission;
 
 constexpr std::int64_t kSecond = 1'000'000'000, kMs = 1'000'000;
 constexpr double kRateHz = 25;
@@ -66,7 +63,7 @@ every = 2
 )";
 
 // Exposures that reached the client's network whole and on time, by the camera's own log.
-std::set<int> given(const BenchMission& mission, int camera) {
+std::set<int> given(const test::BenchMission& mission, int camera) {
   std::ifstream in(mission.path() / ("camera" + std::to_string(camera) + ".csv"));
   std::set<int> numbers;
   std::string line;
@@ -82,13 +79,14 @@ std::set<int> given(const BenchMission& mission, int camera) {
 
 TEST(GigePairs, AreOfOneMomentThroughEveryFaultOfACamera) {
   if (const std::string why = test::ownNetwork(); !why.empty()) GTEST_SKIP() << why;
-  const BenchMission mission(300, kRateHz);  // 12 s
+  const test::BenchMission mission(300, kRateHz);  // 12 s
   const std::filesystem::path script = mission.path() / "faults.toml";
   std::ofstream(script) << kFaults;
   const std::int64_t start = test::systemUtcNs() + 6 * kSecond;
-  BenchCamera left_camera(0, mission, CameraSide::kLeft, start,
-                          {"--faults", script, "--clock-ppm", "70", "--clock-offset", "900"});
-  BenchCamera right_camera(1, mission, CameraSide::kRight, start, {"--faults", script, "--clock-ppm", "-50"});
+  test::BenchCamera left_camera(0, mission, CameraSide::kLeft, start,
+                                {"--faults", script, "--clock-ppm", "70", "--clock-offset", "900"});
+  test::BenchCamera right_camera(1, mission, CameraSide::kRight, start,
+                                 {"--faults", script, "--clock-ppm", "-50"});
   BenchClient left(0, mission, CameraSide::kLeft, "BayerRG12Packed", start, 1000);
   BenchClient right(1, mission, CameraSide::kRight, "Mono12Packed", start, 1000);
 

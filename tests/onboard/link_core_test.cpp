@@ -1,15 +1,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
-#include <map>
-#include <set>
 #include <stdexcept>
 
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/frame_port.hpp"
 #include "realtime/onboard/link/link_core.hpp"
-#include "realtime/onboard/link/mission_progress.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "tests/support/lattice_mesh.hpp"
@@ -18,11 +14,7 @@ namespace fathom::onboard {
 namespace {
 
 fusion::QuadtreeConfig mapConfig() {
-  fusion::QuadtreeConfig config;
-  config.root_size = 32;
-  config.max_level = 5;
-  config.max_tiles = 256;
-  return config;
+  return fusion::QuadtreeConfig{.root_size = 32, .max_level = 5, .max_tiles = 256};
 }
 
 LinkCoreConfig linkConfig() {
@@ -31,6 +23,15 @@ LinkCoreConfig linkConfig() {
   config.root_size = 32;
   config.max_level = 5;
   return config;
+}
+
+// The detail of a place [m] that touches four squares of 2 m.
+telemetry::Request detailRequest() {
+  telemetry::Request request{.kind = telemetry::Request::Kind::kDetail};
+  request.north_min = request.east_min = 2.1;
+  request.north_max = request.east_max = 4.9;
+  request.spacing = 0.125;
+  return request;
 }
 
 // A flat patch of seafloor at 12 m depth with points every 10 cm.
@@ -112,11 +113,7 @@ TEST(LinkCore, ServesARequestForDetailAtItsSpacingAndNoFurtherThanItsCap) {
   config.max_detail_squares = 3;
   LinkCore link(config);
   mapped(map, 0, 1.0F, 1.0F, 6.0F);  // on the map, and not offered
-  telemetry::Request request;
-  request.kind = telemetry::Request::Kind::kDetail;
-  request.north_min = request.east_min = 2.1;
-  request.north_max = request.east_max = 4.9;
-  request.spacing = 0.125;
+  telemetry::Request request = detailRequest();
   request.max_error = 0.02;
   link.request(request, 0, 0);
   EXPECT_FALSE(link.drained());
@@ -129,12 +126,7 @@ TEST(LinkCore, GroundThatTheMapHasLeftIsWithdrawnWithTheDetailThatWasAskedForAnd
   fusion::QuadtreeMap map(mapConfig());
   LinkCore link(linkConfig());
   link.noteMapped(mapped(map, 0, 1.0F, 1.0F, 6.0F));
-  telemetry::Request request;
-  request.kind = telemetry::Request::Kind::kDetail;
-  request.north_min = request.east_min = 2.1;
-  request.north_max = request.east_max = 4.9;
-  request.spacing = 0.125;
-  link.request(request, 0, 0);
+  link.request(detailRequest(), 0, 0);
   link.offerTiles(map, 0, true);
   ASSERT_GT(link.mappedArea(), 30);
   telemetry::LinkReceiver ship;
@@ -186,10 +178,6 @@ TEST(LinkCore, RefusesASpacingThatTheMapDoesNotHave) {
   config.scheduler.blocks.spacing = config.scheduler.blocks.coarse_spacing = 1.0 / 64;  // finer than the map
   EXPECT_THROW(LinkCore{config}, std::invalid_argument);
 }
-
-}  // namespace
-
-namespace {
 
 // Two 20 m lines 2 m apart: 42 m in all.
 const std::vector<Eigen::Vector2d> kLawnmower = {{0, 0}, {20, 0}, {20, 2}, {0, 2}};

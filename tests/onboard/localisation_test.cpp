@@ -1,22 +1,13 @@
 #include <gtest/gtest.h>
 
-#include <functional>
-#include <utility>
-
 #include "realtime/base/bytes/state_archive.hpp"
 #include "tests/onboard/synthetic_survey.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-using testing::DiveFaults;
-using testing::featureSlots;
-using testing::localised;
-using testing::MemorySlots;
-using testing::planError;
-using testing::smallLocalisation;
-using testing::SyntheticSurvey;
-using testing::syntheticSurvey;
+using testing::featureSlots, testing::MemorySlots, testing::planError, testing::smallLocalisation;
+using testing::SyntheticSurvey, testing::syntheticSurvey;
 
 std::vector<SE3> reckoned(const SyntheticSurvey& dive) {
   std::vector<SE3> poses;
@@ -24,29 +15,39 @@ std::vector<SE3> reckoned(const SyntheticSurvey& dive) {
   return poses;
 }
 
+// A dive through a localisation of its own, from its first pair to its end.
+struct Localised {
+  explicit Localised(SyntheticSurvey made, const LocalisationConfig& config = smallLocalisation(),
+                     MemorySlots its_slots = featureSlots(300))
+      : dive(std::move(made)), slots(std::move(its_slots)), core(dive.rigs, config, &slots) {}
+  explicit Localised(const testing::DiveFaults& faults = {}) : Localised(syntheticSurvey(faults)) {}
+  [[nodiscard]] double before() const { return planError(dive, reckoned(dive)).rms; }
+  [[nodiscard]] double rms() const { return planError(dive, poses).rms; }
+  [[nodiscard]] double absolute() const { return planError(dive, poses).absolute; }
+
+  SyntheticSurvey dive;
+  MemorySlots slots;
+  LocalisationCore core;
+  std::vector<SE3> poses = testing::localised(core, dive);
+};
+
 TEST(LocalisationCore, ClosuresTakeMostOfDeadReckoningsErrorOutOfADive) {
-  const SyntheticSurvey dive = syntheticSurvey();
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  const double before = planError(dive, reckoned(dive)).rms;
-  EXPECT_GT(before, 0.1);
-  EXPECT_LT(planError(dive, poses).rms, before / 10);
-  EXPECT_LT(planError(dive, poses).absolute, 0.4);
-  EXPECT_GT(core.graph().counters().closures, 1u);
-  EXPECT_EQ(core.closures().counters().waiting, 0u);
-  EXPECT_LT(core.keyframes(), static_cast<int>(dive.frames.size()));
+  const Localised run;
+  EXPECT_GT(run.before(), 0.1);
+  EXPECT_LT(run.rms(), run.before() / 10);
+  EXPECT_LT(run.absolute(), 0.4);
+  EXPECT_GT(run.core.graph().counters().closures, 1u);
+  EXPECT_EQ(run.core.closures().counters().waiting, 0u);
+  EXPECT_LT(run.core.keyframes(), static_cast<int>(run.dive.frames.size()));
 }
 
 TEST(LocalisationCore, ClaimsOfThePresentPlaceGrowByDeadReckoningSinceTheNewestKeyframeOnly) {
-  const SyntheticSurvey dive = syntheticSurvey();
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  (void)localised(core, dive);
+  const Localised run;
+  const LocalisationCore& core = run.core;
   const int newest = core.keyframes() - 1;
   const std::int64_t then = core.graph().utcNs(newest);
   const SE3 here = core.graph().odometry(newest);
-  const auto& last = dive.frames.back().input.quality;
+  const auto& last = run.dive.frames.back().input.quality;
   EXPECT_NEAR(core.positionSigma(then, here, last), core.positionSigma(), 1e-4);
   const SE3 metre_on(here.rotation(), here.translation() + Eigen::Vector3d(1, 0, 0));
   const std::int64_t later = then + 2'000'000'000;
@@ -61,99 +62,60 @@ TEST(LocalisationCore, ClaimsOfThePresentPlaceGrowByDeadReckoningSinceTheNewestK
 }
 
 TEST(LocalisationCore, TheSameDiveGivesTheSamePosesBitForBit) {
-  const SyntheticSurvey dive = syntheticSurvey();
-  std::vector<std::vector<SE3>> runs;
-  for (int run = 0; run < 2; ++run) {
-    MemorySlots slots = featureSlots(300);
-    LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-    runs.push_back(localised(core, dive));
-  }
-  for (std::size_t k = 0; k < runs[0].size(); ++k) {
-    EXPECT_EQ(runs[0][k].translation(), runs[1][k].translation());
-    EXPECT_EQ(runs[0][k].rotation().coeffs(), runs[1][k].rotation().coeffs());
+  const Localised one, again;
+  for (std::size_t k = 0; k < one.poses.size(); ++k) {
+    EXPECT_EQ(one.poses[k].translation(), again.poses[k].translation());
+    EXPECT_EQ(one.poses[k].rotation().coeffs(), again.poses[k].rotation().coeffs());
   }
 }
 
 TEST(LocalisationCore, SurvivesADvlThatDiesACompassThatJumpsAndWildFixes) {
-  DiveFaults faults;
-  faults.dvl_dead_from = 15;
-  faults.dvl_dead_to = 30;
-  faults.compass_jumps_at = 40;
-  faults.wild_share = 0.1;
-  const SyntheticSurvey dive = syntheticSurvey(faults);
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_GT(planError(dive, reckoned(dive)).rms, 1.0);
-  EXPECT_LT(planError(dive, poses).rms, 0.1);
-  EXPECT_LT(planError(dive, poses).absolute, 0.6);
-  EXPECT_GE(core.graph().counters().compass_jumps, 1u);
-  EXPECT_GT(core.graph().counters().dvl_absent, 5u);
+  const Localised run({.dvl_dead_from = 15, .dvl_dead_to = 30, .compass_jumps_at = 40, .wild_share = 0.1});
+  EXPECT_GT(run.before(), 1.0);
+  EXPECT_LT(run.rms(), 0.1);
+  EXPECT_LT(run.absolute(), 0.6);
+  EXPECT_GE(run.core.graph().counters().compass_jumps, 1u);
+  EXPECT_GT(run.core.graph().counters().dvl_absent, 5u);
 }
 
 TEST(LocalisationCore, ACompassThatStepsWhileTheDvlIsSilentIsDistinguishedFromAnOutlierLinkByThePairBefore) {
-  DiveFaults faults;
-  faults.dvl_dead_from = 15;
-  faults.dvl_dead_to = 21;
-  faults.compass_steps_at = 20;
-  const SyntheticSurvey dive = syntheticSurvey(faults);
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_LT(planError(dive, poses).rms, 0.1);
-  EXPECT_EQ(core.graph().counters().visual_rejected, 0u);
-  EXPECT_EQ(core.graph().counters().compass_jumps, 1u);
+  const Localised run({.dvl_dead_from = 15, .dvl_dead_to = 21, .compass_steps_at = 20});
+  EXPECT_LT(run.rms(), 0.1);
+  EXPECT_EQ(run.core.graph().counters().visual_rejected, 0u);
+  EXPECT_EQ(run.core.graph().counters().compass_jumps, 1u);
 }
 
 TEST(LocalisationCore, AnOutlyingDvlIsContradictedByTheImagesAndDetected) {
-  DiveFaults faults;
-  faults.dvl_wrong_from = 15;
-  faults.dvl_wrong_to = 25;
-  const SyntheticSurvey dive = syntheticSurvey(faults);
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.5);
-  EXPECT_LT(planError(dive, poses).rms, 0.1);
-  EXPECT_GT(core.graph().counters().steps_contradicted, 5u);
-  EXPECT_GT(core.counters().odometry_surprises, 0u);
+  const Localised run({.dvl_wrong_from = 15, .dvl_wrong_to = 25});
+  EXPECT_GT(run.before(), 0.5);
+  EXPECT_LT(run.rms(), 0.1);
+  EXPECT_GT(run.core.graph().counters().steps_contradicted, 5u);
+  EXPECT_GT(run.core.counters().odometry_surprises, 0u);
 }
 
 // By its velocity keyframes would come so seldom that they share too little of the seafloor.
 TEST(LocalisationCore, WhereADvlIsStuckEveryPairIsAKeyframeFromTheFirstStepThatContradictsIt) {
-  DiveFaults faults;
-  faults.dvl_stuck_from = 16;
-  faults.dvl_stuck_to = 26;
-  const SyntheticSurvey dive = syntheticSurvey(faults);
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_LT(planError(dive, poses).rms, 0.03);
-  EXPECT_LE(core.counters().odometry_second_tries, 1u);
+  const Localised run({.dvl_stuck_from = 16, .dvl_stuck_to = 26});
+  EXPECT_LT(run.rms(), 0.03);
+  EXPECT_LE(run.core.counters().odometry_second_tries, 1u);
 }
 
 TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndThePositionIsRecovered) {
-  DiveFaults faults;  // on the second line, blind and without bottom track for two metres
-  faults.dvl_dead_from = faults.blind_from = 26;
-  faults.dvl_dead_to = faults.blind_to = 30;
-  SyntheticSurvey dive = syntheticSurvey(faults);
+  // On the second line, blind and without bottom track for two metres.
+  SyntheticSurvey dive =
+      syntheticSurvey({.dvl_dead_from = 26, .dvl_dead_to = 30, .blind_from = 26, .blind_to = 30});
   dive.fixes.clear();
-  MemorySlots slots = featureSlots(300);
   LocalisationConfig config = smallLocalisation();
   config.predictions_per_keyframe = 200;
-  LocalisationCore core(dive.rigs, config, &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_GT(planError(dive, reckoned(dive)).rms, 0.8);
-  EXPECT_GE(core.closures().counters().confirmed, 2u);
-  EXPECT_LT(planError(dive, poses).rms, 0.15);
+  const Localised run(std::move(dive), config);
+  EXPECT_GT(run.before(), 0.8);
+  EXPECT_GE(run.core.closures().counters().confirmed, 2u);
+  EXPECT_LT(run.rms(), 0.15);
 }
 
 // Blind and without bottom track on the outward track, until it is 10 m and 100 degrees astray.
-DiveFaults lost(double to) {
-  DiveFaults faults;
-  faults.astray_from = faults.blind_from = 22;
-  faults.astray_to = faults.blind_to = to;
-  return faults;
+testing::DiveFaults lost(double to) {
+  return {.blind_from = 22, .blind_to = to, .astray_from = 22, .astray_to = to};
 }
 
 // How far the camera is from where it truly is, seen from the first frame.
@@ -177,10 +139,7 @@ TEST(LocalisationCore, LostByTenMetresAndAHundredDegreesItIsFoundWithinTenPairsO
     int overlapping = 0, found_after = -1;
     Astray worst, last;
     for (std::size_t k = 0; k < dive.frames.size(); ++k) {
-      LocalisationInput input = dive.frames[k].input;
-      input.features = &dive.frames[k].features;
-      const int keyframe = core.place(input, core.look(input));
-      last = astray(core, dive, keyframe, k);
+      last = astray(core, dive, dive.frames[k].placeIn(core), k);
       worst = {std::max(worst.metres, last.metres), std::max(worst.radians, last.radians)};
       const Eigen::Vector2d here = dive.frames[k].truth.translation().head<2>();
       const double radius = core.closures().footprint(0).radius;
@@ -210,10 +169,8 @@ TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
   std::vector<std::uint8_t> bytes(std::size_t{64} << 20);
   constexpr std::size_t kSavedAt = 145;  // the first claims wait
   for (std::size_t k = 0; k < dive.frames.size(); ++k) {
-    LocalisationInput input = dive.frames[k].input;
-    input.features = &dive.frames[k].features;
-    (void)core.place(input, core.look(input));
-    if (k > kSavedAt) (void)again.place(input, again.look(input));
+    dive.frames[k].placeIn(core);
+    if (k > kSavedAt) dive.frames[k].placeIn(again);
     if (k != kSavedAt) continue;
     EXPECT_GT(core.closures().counters().unconfirmed_now, 0u);
     rt::StateWriter writer(bytes);
@@ -229,44 +186,36 @@ TEST(LocalisationCore, SavedWhileClaimsWaitItIsFoundAgainAfterLoading) {
 
 TEST(LocalisationCore, LostOverOtherGroundThatLooksAlikeNothingIsClosed) {
   for (const std::uint32_t seed : {1U, 2U, 3U}) {
-    const SyntheticSurvey dive = syntheticSurvey(lost(100), seed, testing::DiveTrack::kElsewhere);
-    MemorySlots slots = featureSlots(300);
-    LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-    (void)localised(core, dive);
-    EXPECT_EQ(core.graph().counters().closures, 0u);
-    EXPECT_GT(core.closures().counters().places_tried, 40u);
-    EXPECT_EQ(core.closures().counters().places_accepted, 0u);
+    const Localised run(syntheticSurvey(lost(100), seed, testing::DiveTrack::kElsewhere));
+    EXPECT_EQ(run.core.graph().counters().closures, 0u);
+    EXPECT_GT(run.core.closures().counters().places_tried, 40u);
+    EXPECT_EQ(run.core.closures().counters().places_accepted, 0u);
   }
 }
 
 TEST(LocalisationCore, ABadDiskCostsClosuresOnly) {
-  const SyntheticSurvey dive = syntheticSurvey();
-  MemorySlots slots = featureSlots(300);
-  slots.fails = true;
-  LocalisationCore core(dive.rigs, smallLocalisation(), &slots);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_EQ(core.features().counters().stored, 0u);
-  EXPECT_EQ(core.features().counters().write_failures, static_cast<std::uint64_t>(core.keyframes()));
-  EXPECT_LT(planError(dive, poses).rms, planError(dive, reckoned(dive)).rms);
+  MemorySlots bad = featureSlots(300);
+  bad.fails = true;
+  const Localised run(syntheticSurvey(), smallLocalisation(), bad);
+  EXPECT_EQ(run.core.features().counters().stored, 0u);
+  EXPECT_EQ(run.core.features().counters().write_failures, static_cast<std::uint64_t>(run.core.keyframes()));
+  EXPECT_LT(run.rms(), run.before());
 }
 
 TEST(LocalisationCore, WithRoomForAThirdOfItsKeyframesADiveContinuesToItsEnd) {
-  const SyntheticSurvey dive = syntheticSurvey();
-  MemorySlots slots = featureSlots(300);
-  LocalisationCore roomy(dive.rigs, smallLocalisation(), &slots);
-  const double best = planError(dive, localised(roomy, dive)).rms;
+  const Localised roomy;
   LocalisationConfig config = smallLocalisation();
-  config.max_keyframes = roomy.keyframes() / 3;
-  MemorySlots few = featureSlots(static_cast<std::size_t>(config.max_keyframes));
-  LocalisationCore core(dive.rigs, config, &few);
-  const std::vector<SE3> poses = localised(core, dive);
-  EXPECT_EQ(core.keyframes(), roomy.keyframes());
+  config.max_keyframes = roomy.core.keyframes() / 3;
+  const Localised run(syntheticSurvey(), config,
+                      featureSlots(static_cast<std::size_t>(config.max_keyframes)));
+  const LocalisationCore& core = run.core;
+  EXPECT_EQ(core.keyframes(), roomy.core.keyframes());
   EXPECT_EQ(core.graph().counters().keyframes_refused, 0u);
   EXPECT_GT(core.graph().counters().keyframes_retired, static_cast<std::uint64_t>(core.keyframes() / 2));
   EXPECT_EQ(core.features().counters().evicted, 0u);
   EXPECT_GE(core.closures().counters().accepted, 1u);  // where it has been before is recognised
-  EXPECT_LT(planError(dive, poses).rms, 1.6 * best);
-  EXPECT_LT(planError(dive, poses).absolute, 0.4);
+  EXPECT_LT(run.rms(), 1.6 * roomy.rms());
+  EXPECT_LT(run.absolute(), 0.4);
 }
 
 TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
@@ -289,9 +238,7 @@ TEST(LocalisationCore, WhatHungOnAKeyframeThatRetiresStaysWhereItIs) {
   for (const SyntheticSurvey::Frame& frame : dive.frames) {
     known.clear();
     for (const int k : core.graph().living()) known.emplace_back(k, core.poseOf(k, camera));
-    LocalisationInput input = frame.input;
-    input.features = &frame.features;
-    (void)core.place(input, core.look(input));
+    frame.placeIn(core);
   }
   EXPECT_GT(retired, 50);
   EXPECT_LT(jump, 1e-9);

@@ -1,14 +1,15 @@
 // What MapCore teaches its models of light, and what a pair costs.
 #include <gtest/gtest.h>
 
-#include <random>
-#include <vector>
-
 #include "realtime/onboard/map/map_core.hpp"
+#include "realtime/onboard/map/moving_map.hpp"
+#include "tests/onboard/rolling_meshes.hpp"
 #include "tests/support/heap_counter.hpp"
 
 namespace fathom::onboard {
 namespace {
+
+using testing::meshAt, testing::odomAt;
 
 constexpr int kWidth = 160, kHeight = 120;
 
@@ -24,20 +25,29 @@ MapCoreConfig config() {
   return config;
 }
 
-// Images of sand, which give stereo nothing, from a vehicle that moves by `step` a pair [m], 2 m up.
+// Pair `k` of a vehicle that moves by `step` a pair [m], 2 m up.
+MapInput pairAt(int k, double step, const std::vector<std::uint16_t>& left,
+                const std::vector<std::uint16_t>& right) {
+  const auto view = [](const std::vector<std::uint16_t>& pixels) {
+    return ImageView{pixels.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kMono, 12};
+  };
+  return MapInput{.pair_index = static_cast<std::uint32_t>(k),
+                  .utc_ns = 1'700'000'000'000'000'000 + k * std::int64_t{500'000'000},
+                  .T_odom_body = SE3::fromEuler(0, 0, 0, {step * k, 0, 10}),
+                  .quality = {},
+                  .altitude = 2,
+                  .left = view(left),
+                  .right = view(right)};
+}
+
+// Images of sand, which give stereo nothing.
 int imagesLearnt(int pairs, double step) {
   MapCore map(config());
   std::mt19937 random(5);
   std::vector<std::uint16_t> pixels(kWidth * kHeight);
   for (int k = 0; k < pairs; ++k) {
     for (std::uint16_t& p : pixels) p = static_cast<std::uint16_t>(1000 + random() % 64);
-    MapInput input;
-    input.pair_index = static_cast<std::uint32_t>(k);
-    input.utc_ns = 1'700'000'000'000'000'000 + k * std::int64_t{500'000'000};
-    input.T_odom_body = SE3::fromEuler(0, 0, 0, {step * k, 0, 10});
-    input.altitude = 2;
-    input.left = input.right = {pixels.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kMono, 12};
-    static_cast<void>(map.process(input));
+    static_cast<void>(map.process(pairAt(k, step, pixels, pixels)));
   }
   return map.leftLight().report().images;
 }
@@ -62,19 +72,37 @@ TEST(MapPair, TakesNothingFromTheHeap) {
         left[y * kWidth + x] = speckles[y / kSpeckle * kWidth + x / kSpeckle];
         right[y * kWidth + x] = speckles[y / kSpeckle * kWidth + (x + kDisparity) / kSpeckle];
       }
-    MapInput input;
-    input.pair_index = static_cast<std::uint32_t>(k);
-    input.utc_ns = 1'700'000'000'000'000'000 + k * std::int64_t{500'000'000};
-    input.T_odom_body = SE3::fromEuler(0, 0, 0, {0.2 * k, 0, 10});
-    input.altitude = 2;
-    input.left = {left.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kMono, 12};
-    input.right = {right.data(), kWidth, kHeight, kWidth * 2, PixelFormat::kMono, 12};
+    const MapInput input = pairAt(k, 0.2, left, right);
     const test::ThreadCost before = test::threadCost();
     points = map.process(input).points;
     heap_calls = (test::threadCost() - before).heap_calls;
   }
   EXPECT_GT(points, 10u);
   EXPECT_EQ(test::sanitized() ? 0u : heap_calls, 0u);
+}
+
+TEST(MeshSlot, GivesTheMeshBackWithoutLoss) {
+  const Mesh mesh = meshAt(odomAt(3), 3);
+  std::vector<std::uint8_t> block(meshSlotBytes(testing::kPoints));
+  const std::size_t bytes = writeMeshSlot(mesh, block);
+  ASSERT_GT(bytes, 0u);
+  Mesh back;
+  ASSERT_TRUE(readMeshSlot({block.data(), bytes}, back));
+  testing::expectEqual(mesh, back);
+}
+
+TEST(MeshSlot, RefusesWhatDoesNotFitAndWhatIsNoMesh) {
+  std::vector<std::uint8_t> small(meshSlotBytes(30));
+  EXPECT_EQ(writeMeshSlot(meshAt(odomAt(3), 3), small), 0u);
+  Mesh mesh;
+  EXPECT_FALSE(readMeshSlot(small, mesh));
+  EXPECT_FALSE(readMeshSlot({}, mesh));
+  std::vector<std::uint8_t> block(meshSlotBytes(testing::kPoints));
+  const std::size_t bytes = writeMeshSlot(meshAt(odomAt(3), 3), block);
+  EXPECT_FALSE(readMeshSlot({block.data(), bytes - 1}, mesh));
+  block[0] ^= 1;
+  EXPECT_FALSE(readMeshSlot(block, mesh));
+  EXPECT_TRUE(mesh.vertices.empty());
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "realtime/onboard/map/mesh_slot.hpp"
+#include <climits>
 #include "tests/onboard/rolling_meshes.hpp"
 #include "tests/onboard/synthetic_survey.hpp"
 #include "tests/support/heap_counter.hpp"
@@ -10,11 +10,7 @@
 namespace fathom::onboard {
 namespace {
 
-using testing::expectEqual;
-using testing::kPoints;
-using testing::MemorySlots;
-using testing::meshAt;
-using testing::odomAt;
+using testing::kPoints, testing::meshAt, testing::odomAt;
 
 const calibration::RigHistory kRigs{StereoRig{}};  // never known better
 
@@ -25,38 +21,43 @@ SE3 correction(int keyframe, double much) {
 }
 
 fusion::QuadtreeConfig mapConfig() {
-  fusion::QuadtreeConfig config;
-  config.root_size = 8;
-  config.max_level = 3;
-  config.max_tiles = 512;
-  return config;
+  return fusion::QuadtreeConfig{.root_size = 8, .max_level = 3, .max_tiles = 512};
 }
 
-std::string bytesOf(const fusion::QuadtreeMap& map) {
-  return map.canonicalBytes();
-}
-
-std::unique_ptr<fusion::QuadtreeMap> fusedAfresh(int meshes, const MovingMap::PoseOf& pose_of) {
+// Those for which `moves` says no, where odometry has them.
+std::unique_ptr<fusion::QuadtreeMap> fusedAfresh(
+    int meshes, const MovingMap::PoseOf& pose_of, bool (*moves)(int) = [](int) { return true; }) {
   auto fresh = std::make_unique<fusion::QuadtreeMap>(mapConfig());
   for (int number = 0; number < meshes; ++number) {
     Mesh mesh = meshAt(odomAt(number), number);
-    transform(mesh, pose_of(number / 4, odomAt(number)));
+    transform(mesh, moves(number) ? pose_of(number / 4, odomAt(number)) : odomAt(number));
     (void)fresh->fuse(mesh);
   }
   return fresh;
 }
 
-void addMeshes(MovingMap& moving, int meshes, MemorySlots* failing = nullptr, int fails_from = 0) {
-  for (int number = 0; number < meshes; ++number) {
-    if (failing != nullptr) failing->fails = number >= fails_from;
-    Mesh mesh = meshAt(odomAt(number), number);
-    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
-  }
+MovingMap::PoseOf corrected(double much) {
+  return [much](int k, const SE3& T) { return correction(k, much) * T; };
 }
 
+struct MapWithSlots {
+  explicit MapWithSlots(std::size_t of = 100) : slots(of, meshSlotBytes(kPoints)) {}
+  // Meshes where odometry has them.
+  void add(int from, int to, int fails_from = INT_MAX) {
+    for (int number = from; number < to; ++number) {
+      slots.fails = number >= fails_from;
+      Mesh mesh = meshAt(odomAt(number), number);
+      map.add(mesh, number / 4, odomAt(number), odomAt(number));
+    }
+    slots.fails = false;
+  }
+  testing::MemorySlots slots;
+  MovingMap map{mapConfig(), &slots, kPoints, kRigs};
+};
+
 TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
+  MapWithSlots made;
+  MovingMap& moving = made.map;
   double much = 0;
   const MovingMap::PoseOf pose_of = [&](int k, const SE3& T) { return correction(k, much) * T; };
   int moved_meshes = 0;
@@ -76,8 +77,8 @@ TEST(MovingMap, AfterKeyframesMovedItIsTheMapFusedAfreshFromTheFinalPoses) {
   EXPECT_EQ(moving.counters().waiting, 0u);
   EXPECT_EQ(moving.map().counters().missing, 0u);
   const auto fresh = fusedAfresh(60, pose_of);
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fresh));
-  expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(*fresh));
+  EXPECT_TRUE(moving.map().canonicalBytes() == fresh->canonicalBytes());
+  testing::expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(*fresh));
 }
 
 // A rig turned by a fifth of a degree towards the other camera: all that it saw was 8 % too near.
@@ -90,7 +91,7 @@ TEST(MovingMap, MeshesOfAnOutdatedRigAreTriangulatedAgain) {
       SE3(Eigen::Quaterniond(Eigen::AngleAxisd(0.0035, Eigen::Vector3d::UnitY())), Eigen::Vector3d::Zero()) *
       nominal.T_right_left;
   calibration::RigHistory rigs(nominal);
-  MemorySlots slots(100, meshSlotBytes(kPoints));
+  testing::MemorySlots slots(100, meshSlotBytes(kPoints));
   MovingMap moving(mapConfig(), &slots, kPoints, rigs);
   const MovingMap::PoseOf pose_of = [](int, const SE3& T) { return T; };
   fusion::QuadtreeMap fresh(mapConfig());
@@ -109,13 +110,13 @@ TEST(MovingMap, MeshesOfAnOutdatedRigAreTriangulatedAgain) {
   }
   moving.finish(pose_of, {});
   EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
-  expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(fresh));
+  testing::expectEqual(fusion::toMesh(moving.map()), fusion::toMesh(fresh));
 }
 
 TEST(MovingMap, AMeshAtAPredictedPoseMovesToTheFinalOne) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 0.1) * T; };
+  MapWithSlots made;
+  MovingMap& moving = made.map;
+  const MovingMap::PoseOf pose_of = corrected(0.1);
   for (int number = 0; number < 20; ++number) {
     const SE3 guessed = odomAt(number) * SE3::fromEuler(0.01, 0, 0.02, {0.02, -0.01, 0.005});
     Mesh mesh = meshAt(odomAt(number), number);
@@ -129,14 +130,14 @@ TEST(MovingMap, AMeshAtAPredictedPoseMovesToTheFinalOne) {
     EXPECT_EQ(moving.counters().waiting, 0u);
   }
   EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
+  EXPECT_TRUE(moving.map().canonicalBytes() == fusedAfresh(20, pose_of)->canonicalBytes());
 }
 
 TEST(MovingMap, WhatWaitsIsWorkedOffWithinTheQuotaLargestMoveFirstAndThenNothingIsLeft) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-  addMeshes(moving, 20);
+  MapWithSlots made;
+  MovingMap& moving = made.map;
+  const MovingMap::PoseOf pose_of = corrected(1);
+  made.add(0, 20);
   std::vector<double> moves;
   const MovingMap::OnMoved on_moved = [&](const MovingMap::Box& before, const MovingMap::Box& now) {
     moves.push_back(static_cast<double>((now.low - before.low).norm()));
@@ -154,38 +155,33 @@ TEST(MovingMap, WhatWaitsIsWorkedOffWithinTheQuotaLargestMoveFirstAndThenNothing
   EXPECT_GT(moves.front(), 2 * moves.back());
   EXPECT_EQ(moving.counters().waiting, 0u);
   EXPECT_EQ(moving.counters().rebuilds, 1u);
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
+  EXPECT_TRUE(moving.map().canonicalBytes() == fusedAfresh(20, pose_of)->canonicalBytes());
 }
 
 TEST(MovingMap, WhileMeshesWaitEachIsStillInTheMapOnce) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-  addMeshes(moving, 20);
+  MapWithSlots made;
+  MovingMap& moving = made.map;
+  const MovingMap::PoseOf pose_of = corrected(1);
+  made.add(0, 20);
   moving.noteMoved();
   for (int k = 0; k < 6; ++k) {
     moving.rebuild(3, pose_of, {});
     const fusion::QuadtreeMap::Counters c = moving.map().counters();
     const auto there = static_cast<double>(c.observations - c.removed);
-    fusion::QuadtreeMap whole(mapConfig());
-    for (int number = 0; number < 20; ++number) {
-      Mesh mesh = meshAt(odomAt(number), number);
-      transform(mesh, odomAt(number));
-      (void)whole.fuse(mesh);
-    }
+    const auto whole = fusedAfresh(20, [](int, const SE3& T) { return T; });
     // A turned mesh meets the middles of a few cells more or fewer.
-    EXPECT_NEAR(there, static_cast<double>(whole.counters().observations), 0.02 * there);
+    EXPECT_NEAR(there, static_cast<double>(whole->counters().observations), 0.02 * there);
   }
 }
 
 TEST(MovingMap, MovesTooSmallToMatterWaitUntilTheyHaveGrownOrTheSurveyEnds) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
+  MapWithSlots made;
+  MovingMap& moving = made.map;
   double shift = 0.0015;
   const MovingMap::PoseOf pose_of = [&](int, const SE3& T) {
     return SE3(Eigen::Quaterniond::Identity(), {shift, 0, 0}) * T;
   };
-  addMeshes(moving, 20);
+  made.add(0, 20);
   moving.noteMoved();
   moving.rebuild(100, pose_of, {});
   EXPECT_EQ(moving.counters().meshes_fused_again, 0u);
@@ -199,19 +195,19 @@ TEST(MovingMap, MovesTooSmallToMatterWaitUntilTheyHaveGrownOrTheSurveyEnds) {
   EXPECT_EQ(moving.counters().meshes_fused_again, 20u);
   moving.finish(pose_of, {});
   EXPECT_EQ(moving.counters().meshes_fused_again, 40u);
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(20, pose_of)));
+  EXPECT_TRUE(moving.map().canonicalBytes() == fusedAfresh(20, pose_of)->canonicalBytes());
 }
 
 // As when a loop closes late in a dive; the same at full size is in the report.
 TEST(MovingMap, AClosureThatMovesTheLastTenthKeepsTheQuotaAndEndsInTheMapBuiltAfresh) {
   constexpr int kMeshes = 400, kMoved = 40, kQuota = 6;
-  MemorySlots slots(kMeshes, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
+  MapWithSlots made(kMeshes);
+  MovingMap& moving = made.map;
   const MovingMap::PoseOf pose_of = [](int k, const SE3& T) {
     return k < (kMeshes - kMoved) / 4 ? T : correction(k % 10, 1) * T;
   };
-  addMeshes(moving, kMeshes);
-  const std::string before = bytesOf(moving.map());
+  made.add(0, kMeshes);
+  const std::string before = moving.map().canonicalBytes();
   moving.noteMoved();
   int pairs = 0;
   for (std::uint64_t last = 0; pairs == 0 || moving.counters().waiting > 0; ++pairs) {
@@ -221,109 +217,93 @@ TEST(MovingMap, AClosureThatMovesTheLastTenthKeepsTheQuotaAndEndsInTheMapBuiltAf
   }
   EXPECT_EQ(pairs, (kMoved + kQuota - 1) / kQuota);
   EXPECT_EQ(moving.counters().meshes_fused_again, static_cast<std::uint64_t>(kMoved));
-  EXPECT_FALSE(bytesOf(moving.map()) == before);
+  EXPECT_FALSE(moving.map().canonicalBytes() == before);
   EXPECT_EQ(moving.map().counters().coarsened, 0u);
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(kMeshes, pose_of)));
+  EXPECT_TRUE(moving.map().canonicalBytes() == fusedAfresh(kMeshes, pose_of)->canonicalBytes());
 }
 
 TEST(MovingMap, MeshesThatCouldNotBeStoredStayWhereTheyAre) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-  addMeshes(moving, 40, &slots, 21);
-  slots.fails = false;
+  MapWithSlots made;
+  MovingMap& moving = made.map;
+  const MovingMap::PoseOf pose_of = corrected(1);
+  made.add(0, 40, 21);
   moving.noteMoved();
   for (int k = 0; k < 40; ++k) moving.rebuild(3, pose_of, {});
   moving.finish(pose_of, {});
   EXPECT_EQ(moving.counters().meshes_lost, 19u);
   EXPECT_TRUE(moving.counters().given_up);
-  fusion::QuadtreeMap mixed(mapConfig());
-  for (int number = 0; number < 40; ++number) {
-    Mesh mesh = meshAt(odomAt(number), number);
-    transform(mesh, number < 21 ? pose_of(number / 4, odomAt(number)) : odomAt(number));
-    (void)mixed.fuse(mesh);
-  }
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(mixed));
+  EXPECT_TRUE(moving.map().canonicalBytes() ==
+              fusedAfresh(40, pose_of, [](int number) { return number < 21; })->canonicalBytes());
 }
 
 TEST(MovingMap, ADiskThatFailsOrGivesOtherBytesBackChangesNothing) {
   for (const bool wrong_bytes : {false, true}) {
-    MemorySlots slots(100, meshSlotBytes(kPoints));
-    MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-    const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-    addMeshes(moving, 40);
-    const std::string before = bytesOf(moving.map());
+    MapWithSlots made;
+    MovingMap& moving = made.map;
+    const MovingMap::PoseOf pose_of = corrected(1);
+    made.add(0, 40);
+    const std::string before = moving.map().canonicalBytes();
     if (wrong_bytes) {
-      const Mesh other = meshAt(odomAt(77), 77);
       std::vector<std::uint8_t> block(meshSlotBytes(kPoints));
-      (void)writeMeshSlot(other, block);
-      for (std::size_t slot = 0; slot < 40; ++slot) (void)slots.write(slot, block);
+      (void)writeMeshSlot(meshAt(odomAt(77), 77), block);
+      for (std::size_t slot = 0; slot < 40; ++slot) (void)made.slots.write(slot, block);
     }
-    slots.fails = !wrong_bytes;
+    made.slots.fails = !wrong_bytes;
     moving.noteMoved();
     for (int k = 0; k < 40; ++k) moving.rebuild(3, pose_of, {});
     EXPECT_EQ(moving.counters().meshes_lost, 40u);
-    EXPECT_TRUE(bytesOf(moving.map()) == before);
+    EXPECT_TRUE(moving.map().canonicalBytes() == before);
   }
 }
 
 // Keyframe 3 retires onto 4 when the poses have moved once, and they move on.
 TEST(MovingMap, MeshesOfAKeyframeThatRetiresStayWhereTheyAreAndFollowTheOneTheyHangOnThen) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
+  MapWithSlots made;
+  MovingMap& moving = made.map;
   double much = 1;
   const MovingMap::PoseOf before = [&](int k, const SE3& T) { return correction(k, much) * T; };
-  addMeshes(moving, 40);
+  made.add(0, 40);
   moving.noteMoved();
   moving.rebuild(100, before, {});
-  const std::string map = bytesOf(moving.map());
+  const std::string map = moving.map().canonicalBytes();
   const std::uint64_t fused = moving.counters().meshes_fused_again;
   const SE3 T_onto = correction(4, much).inverse() * correction(3, much);
   moving.rehang({3, 4, T_onto});
   moving.noteMoved();
   moving.rebuild(100, before, {});
   EXPECT_EQ(moving.counters().meshes_fused_again, fused);
-  EXPECT_TRUE(bytesOf(moving.map()) == map);
+  EXPECT_TRUE(moving.map().canonicalBytes() == map);
   much = 2;
   moving.finish(before, {});
   const MovingMap::PoseOf after = [&](int k, const SE3& T) {
     return k == 3 ? correction(4, much) * (T_onto * T) : correction(k, much) * T;
   };
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(*fusedAfresh(40, after)));
+  EXPECT_TRUE(moving.map().canonicalBytes() == fusedAfresh(40, after)->canonicalBytes());
 }
 
 TEST(MovingMap, FullOfMeshesThoseThatHaveLainStillForLongestAreBakedIn) {
-  MemorySlots slots(20, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
-  addMeshes(moving, 20);
+  MapWithSlots made(20);
+  MovingMap& moving = made.map;
+  const MovingMap::PoseOf pose_of = corrected(1);
+  made.add(0, 20);
   // The first keyframe's four meshes move: they have not moved for less long than the others from then on.
   moving.noteMoved();
   moving.rebuild(100, [&](int k, const SE3& T) { return k == 0 ? correction(5, 1) * T : T; }, {});
   ASSERT_EQ(moving.counters().meshes_fused_again, 4u);
-  for (int number = 20; number < 30; ++number) {
-    Mesh mesh = meshAt(odomAt(number), number);
-    moving.add(mesh, number / 4, odomAt(number), odomAt(number));
-  }
+  made.add(20, 30);
   EXPECT_EQ(moving.counters().meshes_baked_in, 10u);
   EXPECT_EQ(moving.counters().meshes_lost, 0u);
   EXPECT_FALSE(moving.counters().given_up);
   moving.finish(pose_of, {});
-  fusion::QuadtreeMap mixed(mapConfig());
-  for (int number = 0; number < 30; ++number) {
-    const bool baked_in = number >= 4 && number < 14;
-    Mesh mesh = meshAt(odomAt(number), number);
-    transform(mesh, baked_in ? odomAt(number) : pose_of(number / 4, odomAt(number)));
-    (void)mixed.fuse(mesh);
-  }
-  EXPECT_TRUE(bytesOf(moving.map()) == bytesOf(mixed));
+  const auto not_baked_in = [](int number) { return number < 4 || number >= 14; };
+  EXPECT_TRUE(moving.map().canonicalBytes() == fusedAfresh(30, pose_of, not_baked_in)->canonicalBytes());
 }
 
 TEST(MovingMap, MovingMeshesAllocatesNothing) {
-  MemorySlots slots(100, meshSlotBytes(kPoints));
-  MovingMap moving(mapConfig(), &slots, kPoints, kRigs);
-  addMeshes(moving, 40);
-  const MovingMap::PoseOf pose_of = [](int k, const SE3& T) { return correction(k, 1) * T; };
+  MapWithSlots made;
+  MovingMap& moving = made.map;
+  made.add(0, 40);
+  const MovingMap::PoseOf pose_of = corrected(1);
   const test::ThreadCost before = test::threadCost();
   moving.noteMoved();
   for (int k = 0; k < 20; ++k) moving.rebuild(3, pose_of, {});

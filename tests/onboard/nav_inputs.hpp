@@ -1,12 +1,7 @@
 #pragma once
 
-#include <algorithm>
-#include <cstdint>
-#include <variant>
-#include <vector>
-
 #include "realtime/onboard/nav/nav_core.hpp"
-#include "tests/navigation/analytic_dive.hpp"
+#include "tests/world/analytic_dive.hpp"
 
 // The inputs of a synthetic dive for NavCore.
 namespace fathom::onboard::testing {

@@ -1,25 +1,20 @@
 #include "realtime/onboard/replay.hpp"
-#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <fstream>
-#include <map>
 #include <sstream>
 
-#include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/units.hpp"
 #include "realtime/onboard/onboard_config.hpp"
-#include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/sensor_checks.hpp"
 #include "recon/geometry/colour.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/wire/packet_log.hpp"
 #include "tests/fusion/surface_distance.hpp"
-#include "tests/onboard/track_error.hpp"
+#include "tests/onboard/replayed_dive.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -28,11 +23,7 @@ namespace {
 const std::filesystem::path kMission = FATHOM_REEF_MISSION;
 
 ReplayOptions into(const std::filesystem::path& out) {
-  ReplayOptions options;
-  options.mission = kMission;
-  options.out = out;
-  options.drain_s = 300;
-  return options;
+  return ReplayOptions{.mission = kMission, .config = {}, .out = out, .link = {}, .drain_s = 300};
 }
 
 std::map<std::string, double> lastHealth(const std::filesystem::path& file) {
@@ -70,14 +61,7 @@ TEST(Replay, TwoReplaysGiveTheSameBytesInEveryFileButTheTimes) {
   const test::TemporaryFolder folder;
   replay(into(folder.path() / "a"));
   replay(into(folder.path() / "b"));
-  int files = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(folder.path() / "a")) {
-    const auto name = entry.path().filename();
-    if (name == "timing.json") continue;
-    EXPECT_EQ(test::readText(entry.path()), test::readText(folder.path() / "b" / name)) << name;
-    ++files;
-  }
-  EXPECT_EQ(files, 7);
+  EXPECT_EQ(testing::expectSameFiles(folder.path() / "a", folder.path() / "b"), 7);
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "a.tmp"));
 }
 
@@ -135,16 +119,10 @@ TEST(Replay, MapsEveryPairWithinCentimetresOfTheTrueSeafloorUnderTheVehicle) {
   const auto truth = io::readTrajectory(kMission / "truth" / "trajectory.csv");
   const auto odometry = io::readTrajectory(folder.path() / "out" / "odometry.csv");
   ASSERT_GT(odometry.size(), 100u);
-  const auto truth_at = [&](std::int64_t utc_ns) {
-    const auto after =
-        std::lower_bound(truth.begin(), truth.end(), utc_ns,
-                         [](const io::TrajectoryPoint& p, std::int64_t t) { return p.utc_ns < t; });
-    return after == truth.end() ? truth.back().pose : after->pose;
-  };
   const io::TrajectoryPoint &first = odometry[odometry.size() / 4], &last = odometry[3 * odometry.size() / 4];
   const Eigen::Vector3d moved = last.pose.translation() - first.pose.translation();
   const Eigen::Vector3d moved_truly =
-      truth_at(last.utc_ns).translation() - truth_at(first.utc_ns).translation();
+      testing::poseAt(truth, last.utc_ns).translation() - testing::poseAt(truth, first.utc_ns).translation();
   const double off = (moved - moved_truly).norm();
   std::printf("half the dive's path off by %.1f mm\n", 1e3 * off);
   EXPECT_LT(off, 0.086);  // twice what was measured

@@ -2,8 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-
-#include "realtime/onboard/map/mesh_slot.hpp"
+#include "realtime/onboard/map/moving_map.hpp"
 #include "recon/closure/frame_features.hpp"
 #include "tests/onboard/cores_run.hpp"
 #include "tests/onboard/synthetic_survey.hpp"
@@ -13,15 +12,8 @@
 namespace fathom::onboard {
 namespace {
 
-using test::savedState;
-using testing::CoresRun;
-using testing::featureSlots;
-using testing::MemorySlots;
-using testing::RecordedMission;
-using testing::Ship;
-using testing::smallLocalisation;
-using testing::SyntheticSurvey;
-using testing::syntheticSurvey;
+using test::savedState, testing::CoresRun, testing::featureSlots, testing::MemorySlots;
+using testing::smallLocalisation, testing::SyntheticSurvey;
 
 const calibration::RigHistory kRigs{StereoRig{}};  // never known better
 
@@ -39,19 +31,14 @@ void dive(LocalisationCore& core, const SyntheticSurvey& made, std::size_t from,
   std::size_t fix = 0;
   for (std::size_t k = 0; k < to; ++k) {
     for (; fix < made.fixes.size() && made.fixes[fix].arrival_ns <= made.frames[k].utc_ns; ++fix)
-      if (k >= from)
-        core.addFix(nav::FixKind::kUsbl, made.fixes[fix].utc_ns, made.fixes[fix].in_odom,
-                    made.fixes[fix].north_east, 0.5);
-    if (k < from) continue;
-    LocalisationInput input = made.frames[k].input;
-    input.features = &made.frames[k].features;
-    (void)core.place(input, core.look(input));
+      if (k >= from) made.fixes[fix].addTo(core);
+    if (k >= from) made.frames[k].placeIn(core);
   }
 }
 
 class LocalisationRestart : public ::testing::Test {
  protected:
-  SyntheticSurvey made = syntheticSurvey();
+  SyntheticSurvey made = testing::syntheticSurvey();
   std::size_t middle = made.frames.size() / 2, end = made.frames.size();
   MemorySlots slots = featureSlots(300), copy = slots, second = slots;
   LocalisationCore whole{made.rigs, smallLocalisation(), &slots};
@@ -89,7 +76,7 @@ TEST_F(LocalisationRestart, KeyframesAreWhereTheyWereAndTheDiveEndsAtTheSamePlac
 }
 
 TEST(LocalisationRestartWithFewKeyframes, AfterSomeHaveRetiredADiveContinuesAlike) {
-  const SyntheticSurvey made = syntheticSurvey();
+  const SyntheticSurvey made = testing::syntheticSurvey();
   LocalisationConfig config = smallLocalisation();
   config.max_keyframes = 40;
   MemorySlots slots = featureSlots(40, config);
@@ -217,18 +204,18 @@ TEST_F(MovingMapRestart, ATornSlotCostsItsMeshOnly) {
 
 // All cores, on a dive whose DVL dies and whose compass jumps, with a ship that answers.
 TEST(CoresRestart, AMissionWithARestartGivesTheSameMapPosesAndFrames) {
-  const RecordedMission mission(FATHOM_FAULTY_MISSION);
+  const testing::RecordedMission mission(FATHOM_FAULTY_MISSION);
   const auto half = static_cast<std::ptrdiff_t>(mission.inputs.size() / 2);
   MemorySlots features = featureSlots(2000, mission.config.localisation),
               meshes(4000, meshSlotBytes(static_cast<std::size_t>(mission.config.stereo.max_features)));
-  Ship ship;
+  testing::Ship ship;
   CoresRun whole(mission, {&features, &meshes}, ship);
   for (auto input = mission.inputs.begin(); input != mission.inputs.begin() + half; ++input)
     whole.consume(*input);
   const std::vector<std::uint8_t> state = savedState(whole);
 
   MemorySlots features_after = features, meshes_after = meshes;
-  Ship ship_after = ship;
+  testing::Ship ship_after = ship;
   CoresRun loaded(mission, {&features_after, &meshes_after}, ship_after);
   ASSERT_TRUE(load(loaded, state));
   EXPECT_EQ(savedState(loaded), state);

@@ -4,15 +4,11 @@
 
 #include <sys/stat.h>
 
-#include <fstream>
 #include <memory>
 #include <random>
-#include <vector>
 
-#include "realtime/base/input_error.hpp"
 #include "tests/support/full_disk.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {

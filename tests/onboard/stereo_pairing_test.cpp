@@ -1,9 +1,8 @@
-#include "realtime/onboard/nav/stereo_pairing.hpp"
 #include "realtime/base/units.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <deque>
 #include <limits>
 #include <random>

@@ -1,7 +1,6 @@
 #include "tests/onboard/synthetic_survey.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <random>
 
 #include "realtime/base/units.hpp"
@@ -75,10 +74,11 @@ closure::FrameFeatures look(const std::vector<GroundPoint>& ground, const Stereo
     const double z = point.z(), f = rig.left.fx, b = rig.baseline();
     const auto sz = static_cast<float>(z * z * 1.5 * kPixel / (f * b)),
                sx = static_cast<float>(z * kPixel / f);
-    closure::Feature feature;
-    feature.left = l.cast<float>();
-    feature.right = r.cast<float>();
-    feature.point = point.cast<float>();
+    closure::Feature feature{.left = l.cast<float>(),
+                             .right = r.cast<float>(),
+                             .point = point.cast<float>(),
+                             .covariance = {},
+                             .size = {}};
     const auto x = static_cast<float>(point.x() / z), y = static_cast<float>(point.y() / z);
     feature.covariance = {sx * sx + x * x * sz * sz, x * y * sz * sz, x * sz * sz,
                           sx * sx + y * y * sz * sz, y * sz * sz,     sz * sz};
@@ -179,13 +179,10 @@ SyntheticSurvey syntheticSurvey(const DiveFaults& faults, std::uint32_t seed, Di
     frame.utc_ns = kStart + static_cast<std::int64_t>(t * kNanosecondsPerSecond);
     frame.truth = cameraAt(poses[k].place, poses[k].heading);
     const double deviation = 0.03 + 0.03 * std::sin(poses[k].heading + 0.7);
-    if (t >= faults.compass_jumps_at && quality.heading_leaps == 0) {
+    const bool jumps = t >= faults.compass_jumps_at;
+    if ((jumps || t >= faults.astray_to) && quality.heading_leaps == 0) {
       quality.heading_leaps = 1;
-      jumped = kJump;
-    }
-    if (t >= faults.astray_to && quality.heading_leaps == 0) {
-      quality.heading_leaps = 1;
-      jumped = kTurnedAstray;
+      jumped = jumps ? kJump : kTurnedAstray;
     }
     const double stepped = t >= faults.compass_steps_at ? kStep : 0;
     const double error = deviation + jumped + stepped + 0.003 * normal(random);
@@ -239,13 +236,9 @@ std::vector<SE3> localised(LocalisationCore& core, const SyntheticSurvey& dive) 
   });
   std::size_t next_fix = 0;
   for (const SyntheticSurvey::Frame& frame : dive.frames) {
-    for (; next_fix < dive.fixes.size() && dive.fixes[next_fix].arrival_ns <= frame.utc_ns; ++next_fix) {
-      const SyntheticSurvey::Fix& fix = dive.fixes[next_fix];
-      core.addFix(nav::FixKind::kUsbl, fix.utc_ns, fix.in_odom, fix.north_east, 0.5);
-    }
-    LocalisationInput input = frame.input;
-    input.features = &frame.features;
-    hanging.push_back({core.place(input, core.look(input)), input.T_odom_cam});
+    for (; next_fix < dive.fixes.size() && dive.fixes[next_fix].arrival_ns <= frame.utc_ns; ++next_fix)
+      dive.fixes[next_fix].addTo(core);
+    hanging.push_back({frame.placeIn(core), frame.input.T_odom_cam});
   }
   core.finish();
   core.setRetiredObserver({});
@@ -284,9 +277,7 @@ MemorySlots featureSlots(std::size_t slots, const LocalisationConfig& config) {
 }
 
 LocalisationConfig smallLocalisation() {
-  LocalisationConfig config;
-  config.max_keyframes = 300;
-  config.features = static_cast<int>(kFeatures);
+  LocalisationConfig config{.max_keyframes = 300, .features = static_cast<int>(kFeatures), .graph = {}};
   config.graph.max_links = 1000;
   config.graph.max_fixes = 100;
   return config;

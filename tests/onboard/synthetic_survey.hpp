@@ -1,9 +1,5 @@
 #pragma once
 
-#include <cstdint>
-#include <memory>
-#include <vector>
-
 #include "realtime/onboard/localisation/localisation_core.hpp"
 #include "realtime/onboard/slots/slot_store.hpp"
 #include "recon/calibration/rig_history.hpp"
@@ -52,11 +48,20 @@ struct SyntheticSurvey {
     SE3 truth;  // T_nav_cam
     LocalisationInput input;
     closure::FrameFeatures features;
+    // Gives it to a localisation; the keyframe that it hangs on then.
+    int placeIn(LocalisationCore& core) const {
+      LocalisationInput seen = input;
+      seen.features = &features;
+      return core.place(seen, core.look(seen));
+    }
   };
   struct Fix {
     std::int64_t utc_ns = 0, arrival_ns = 0;
     Eigen::Vector3d in_odom;
     Eigen::Vector2d north_east;
+    void addTo(LocalisationCore& core) const {
+      core.addFix(nav::FixKind::kUsbl, utc_ns, in_odom, north_east, 0.5);
+    }
   };
   StereoRig rig;
   calibration::RigHistory rigs{StereoRig{}};  // of it alone

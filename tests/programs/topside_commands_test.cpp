@@ -1,15 +1,12 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
 
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "tests/support/program_run.hpp"
 
 namespace fathom::test {
 namespace {
-
-using ::testing::HasSubstr;
 
 // The fifth pair of the simulated dive, its images a quarter of the full size, 2 m over the seafloor.
 class StereoProgram : public ::testing::Test {
@@ -106,7 +103,7 @@ TEST_F(StereoProgram, ImagesWithoutAParallaxGiveNoMeshAndSaySo) {
                                  " " + left_.string() + " " + left_.string() + " --out " + out);
   EXPECT_EQ(run.exit_code, 1);
   ASSERT_EQ(linesOf(run.err).size(), 1U) << run.err;
-  EXPECT_THAT(run.err, HasSubstr("no surface found"));
+  EXPECT_THAT(run.err, ::testing::HasSubstr("no surface found"));
   EXPECT_FALSE(std::filesystem::exists(out));
 }
 
@@ -134,7 +131,7 @@ TEST(SlamProgram, ADiveGetsPosesClosuresAndAPage) {
       "fathom-topside slam " FATHOM_REEF_MISSION " --work " + (folder.path() / "work").string();
   const Outcome run = runProgram(slam + " --out " + out.string());
   ASSERT_EQ(run.exit_code, 0) << run.err;
-  EXPECT_THAT(run.out, HasSubstr("odometry links"));
+  EXPECT_THAT(run.out, ::testing::HasSubstr("odometry links"));
   for (const char* name : {"stereo_pose_est.data", "vehicle_pose_est.data", "closures.csv",
                            "pose_covariances.csv", "slam.html", "slam.json"})
     EXPECT_GT(readText(out / name).size(), 50U) << name;

@@ -13,11 +13,10 @@
 
 #include "recon/products/rasters/cog_writer.hpp"
 #include "recon/products/rasters/patch_mosaic.hpp"
-#include "recon/products/rasters/raster_reading.hpp"
 #include "recon/products/rasters/terrain.hpp"
-#include "tests/rasters/field_tiles.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
+#include "tests/world/tiles.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -37,12 +36,12 @@ class LayerSet : public ::testing::Test {
  protected:
   LayerSet() { inputs_.origin = kGridOrigin; }
 
-  void tiles(const TileRange& range, double step, const synthetic::Depth& depth) {
+  void tiles(const TileRange& range, double step, const test::Depth& depth) {
     for (std::int32_t x = range.x0; x < range.x1; ++x)
       for (std::int32_t y = range.y0; y < range.y1; ++y) inputs_.tiles.push_back({0, x, y});
     inputs_.patch = [this, step, depth](const TileId& tile) {
       return packLayerPatch(
-          makeLayerPatch(synthetic::fieldTile(tile, inputs_.grid, step, depth), inputs_.grid, config_.cells));
+          makeLayerPatch(test::fieldTile(tile, inputs_.grid, step, depth), inputs_.grid, config_.cells));
     };
   }
   // Value of a one-band layer at a place.

@@ -1,22 +1,20 @@
 // Compass, tilt sensor and gyro.
-#include <algorithm>
 
 #include "realtime/base/units.hpp"
-#include "tests/sim/sensor_dive.hpp"
+#include "tests/world/sim_scenes.hpp"
 
 namespace fathom::sim {
 namespace {
 
 TEST_F(SensorTest, ACompassJumpTurnsTheHeadingFromThenOn) {
   CompassConfig config;
-  LoggedSamples healthy, faulty;
-  simulateCompass(world(), config, healthy);
+  const auto healthy = sampled<AttitudeSample>(simulateCompass, config);
   config.jumps = {{100, 20 * kRadiansPerDegree}, {150, -5 * kRadiansPerDegree}};
-  simulateCompass(world(), config, faulty);
+  const auto faulty = sampled<AttitudeSample>(simulateCompass, config);
   ASSERT_EQ(healthy.size(), faulty.size());
   for (std::size_t k = 0; k < healthy.size(); ++k) {
-    const auto& a = std::get<AttitudeSample>(healthy[k].sample);
-    const auto& b = std::get<AttitudeSample>(faulty[k].sample);
+    const auto& a = healthy[k];
+    const auto& b = faulty[k];
     const double t = timeOf(a.utc_ns), expected = t < 99.99 ? 0 : t < 149.99 ? 20 : 15;
     if (std::abs(t - 100) < 0.05 || std::abs(t - 150) < 0.05) continue;
     EXPECT_NEAR(wrapAngle(b.heading - a.heading) / kRadiansPerDegree, expected, 1e-6) << t;
@@ -26,17 +24,16 @@ TEST_F(SensorTest, ACompassJumpTurnsTheHeadingFromThenOn) {
 
 TEST_F(SensorTest, AMagneticAnomalyTurnsHeadingsWhereItIsAndNothingElse) {
   CompassConfig config;
-  LoggedSamples healthy, faulty;
   const SensorWorld w = world();
-  simulateCompass(w, config, healthy);
+  const auto healthy = sampled<AttitudeSample>(simulateCompass, config);
   const Eigen::Vector3d place = (trajectory.poseAt(120) * w.T_body_compass).translation();
   config.anomalies = {{place.x(), place.y(), 2, 20 * kRadiansPerDegree}};
-  simulateCompass(w, config, faulty);
+  const auto faulty = sampled<AttitudeSample>(simulateCompass, config);
   ASSERT_EQ(healthy.size(), faulty.size());
   double nearest = 1e9, at_nearest = 0;
   for (std::size_t k = 0; k < healthy.size(); ++k) {
-    const auto& a = std::get<AttitudeSample>(healthy[k].sample);
-    const auto& b = std::get<AttitudeSample>(faulty[k].sample);
+    const auto& a = healthy[k];
+    const auto& b = faulty[k];
     const Eigen::Vector3d here = (trajectory.poseAt(timeOf(a.utc_ns)) * w.T_body_compass).translation();
     const double distance = (here - place).head<2>().norm(), turned = wrapAngle(b.heading - a.heading);
     EXPECT_NEAR(turned, 20 * kRadiansPerDegree / std::pow(1 + distance * distance / 4, 1.5), 1e-6);
@@ -81,14 +78,12 @@ TEST_F(SensorTest, AGyroDriftsByItsBiasAndItsRandomWalkAndIsOffUnlessAskedFor) {
 
 TEST_F(SensorTest, CompassStaysWithinThreeDegreesAndTiltWithinSevenTenths) {
   const CompassConfig config;
-  LoggedSamples samples;
   const SensorWorld w = world();
-  simulateCompass(w, config, samples);
+  const auto samples = sampled<AttitudeSample>(simulateCompass, config);
   Statistics heading, roll, pitch, step;
   Eigen::Vector3d worst = Eigen::Vector3d::Zero();  // [deg]
   double previous = 0;
-  for (const auto& s : samples) {
-    const auto& a = std::get<AttitudeSample>(s.sample);
+  for (const AttitudeSample& a : samples) {
     const Eigen::Vector3d truth = (trajectory.poseAt(timeOf(a.utc_ns)) * w.T_body_compass).euler();
     EXPECT_TRUE(a.magnetic);
     EXPECT_GE(a.heading, 0.0);

@@ -3,10 +3,8 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <set>
 
-#include "sim/campaign/perturbations.hpp"
 #include "sim/scenario/key_range_check.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "tests/support/program_run.hpp"

@@ -8,7 +8,6 @@
 #include <thread>
 
 #include "firmware_if/devices/modem/modem_ports.hpp"
-#include "sim/link/channel_relay.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -211,10 +210,7 @@ TEST(Channel, SimultaneousFramesOfHalfDuplexModemsCollide) {
 
 TEST(Channel, TheSameSeedGivesTheSameFate) {
   const auto fate = [](std::uint64_t seed) {
-    ChannelConfig config;
-    config.loss = 0.5;
-    config.seed = seed;
-    AcousticChannel channel(config);
+    AcousticChannel channel({.loss = 0.5, .seed = seed});
     std::vector<int> arrived;
     Buffer buffer;
     for (int i = 0; i < 60; ++i) (void)channel.send(i, frameOf(i));
@@ -242,8 +238,7 @@ TEST(Channel, APairJoinsTwoPortsInBothDirections) {
 }
 
 TEST(Channel, ProbabilitiesOutOfRangeAreRefused) {
-  ChannelConfig config;
-  config.loss = 1.5;
+  ChannelConfig config{.loss = 1.5};
   EXPECT_THROW(AcousticChannel{config}, std::invalid_argument);
   config.loss = std::nan("");
   EXPECT_THROW(AcousticChannel{config}, std::invalid_argument);

@@ -2,17 +2,15 @@
 #include "sim/score/colour_score.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <array>
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 
-#include "sim/score/colour_detail.hpp"
 #include "sim/score/truth_surface.hpp"
 #include "sim/sea/ground/texture_image.hpp"
-#include "tests/sim/synthetic_seafloor.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/world/ground.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -47,7 +45,7 @@ SE3 lookingDown(const Eigen::Vector3d& from) {
 
 // A seafloor of two colours, as it is, through a filter, and with its north half tinted.
 TEST(ColourScore, ForgivesOneWhiteBalanceAndNoOther) {
-  Mesh mesh = syntheticSeafloor();
+  Mesh mesh = test::syntheticSeafloor();
   const auto paint = [&](const Rgb& south, const Rgb& north) {
     mesh.colours.clear();
     for (const auto& v : mesh.vertices) mesh.colours.push_back(v.x() < 0 ? south : north);
@@ -78,7 +76,7 @@ TEST(ColourScore, ForgivesOneWhiteBalanceAndNoOther) {
 
 // Colours that are right in the middle of the image and a third too dark at its top and bottom.
 TEST(ColourDetail, FindsErrorsByPlaceAndByColour) {
-  Mesh mesh = syntheticSeafloor();
+  Mesh mesh = test::syntheticSeafloor();
   for (const auto& v : mesh.vertices)
     mesh.colours.push_back(v.x() < 0 ? Rgb{190, 170, 130} : Rgb{60, 100, 60});
   const TruthSurface truth(mesh);

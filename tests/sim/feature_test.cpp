@@ -112,8 +112,7 @@ TEST(FeatureCamera, PointsFromFeaturesAreAsFarOffAsTheirCovariancesSay) {
 }
 
 TEST(FeatureCamera, AViewShowsAboutAsManyFeaturesFromOneToSixMetresWhereLightIsNoMatter) {
-  SimulatedFeatureConfig bright;
-  bright.half_contrast = 0;
+  SimulatedFeatureConfig bright{.half_contrast = 0};
   TerrainConfig flat = rollingSand();
   flat.undulation_m = flat.roughness_m = flat.ripples.height_m = 0;
   const SyntheticSea sea(flat, bright);
@@ -247,10 +246,7 @@ TEST(RepetitiveGround, TwinsCarryCopiesOfEachOthersLandmarksInTheSameShape) {
 }
 
 TEST(RepetitiveGround, LandmarksRepeatWithTheRipplesAlongAndAcross) {
-  SimulatedFeatureConfig config;
-  config.alike_share = 1;
-  config.alike_along_m = 0.5;
-  const SyntheticSea sea(repetitiveSand(), config);
+  const SyntheticSea sea(repetitiveSand(), {.alike_share = 1, .alike_along_m = 0.5});
   const auto seen = sea.camera.observe(overhead(0, 0, 9.8), 1);
   std::map<std::uint64_t, std::vector<Eigen::Vector3d>> places;
   for (std::size_t i = 0; i < seen.points.size(); ++i) places[seen.appearances[i]].push_back(seen.points[i]);
@@ -268,9 +264,7 @@ TEST(RepetitiveGround, LandmarksRepeatWithTheRipplesAlongAndAcross) {
 
 // Off the boulders' centre the rest of the view decides; where they fill the view, the prior of the track.
 TEST(RepetitiveGround, IsNotMatchedWithAnEqualLookingPlace) {
-  SimulatedFeatureConfig config;
-  config.alike_share = 0.5;
-  const SyntheticSea sea(repetitiveSand(), config);
+  const SyntheticSea sea(repetitiveSand(), {.alike_share = 0.5});
   closure::Registrar registrar(sea.scenario.rig, {});
   for (const double north : {-2.9, -2.7, -2.4}) {
     const auto& r = registrar.process(sea.features(overhead(north, 0.3, 9.4), 1),
@@ -289,9 +283,7 @@ TEST(RepetitiveGround, IsNotMatchedWithAnEqualLookingPlace) {
 }
 
 TEST(RepetitiveGround, ATruePlaceIsFoundThoughHalfOfItsLandmarksRepeat) {
-  SimulatedFeatureConfig config;
-  config.alike_share = 0.5;
-  const SyntheticSea sea(repetitiveSand(), config);
+  const SyntheticSea sea(repetitiveSand(), {.alike_share = 0.5});
   closure::Registrar registrar(sea.scenario.rig, {});
   const SE3 a = overhead(0, 0, 9.7), b = overhead(0.4, 0.3, 9.6, 1.6);
   const auto& r = registrar.process(sea.features(a, 1), sea.features(b, 2), std::nullopt);

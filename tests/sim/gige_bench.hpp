@@ -2,13 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
-#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "firmware_if/devices/camera/gige_camera.hpp"

@@ -1,4 +1,6 @@
 // The camera driver against simulated cameras, over real GVCP and GVSP between network namespaces.
+#include <thread>
+
 #include "realtime/base/units.hpp"
 #include "tests/sim/gige_bench.hpp"
 #include "tests/support/heap_counter.hpp"
@@ -6,9 +8,7 @@
 namespace fathom {
 namespace {
 
-using test::BenchCamera;
-using test::BenchClient;
-using test::BenchMission;
+using test::BenchCamera, test::BenchClient, test::BenchMission;
 
 // Frames' times on a busy machine, a tenth of a period at most.
 constexpr double kTimeTolerance = 5e-3;

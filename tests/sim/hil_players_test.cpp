@@ -1,6 +1,5 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <lcm/lcm.h>
 #include <unistd.h>
 
@@ -19,9 +18,9 @@
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/wire/frame.hpp"
 #include "telemetry/wire/packet_log.hpp"
-#include "tests/sim/hil_mission.hpp"
 #include "tests/support/manual_clock.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/world/missions.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -30,8 +29,7 @@ class HilPlayers : public testing::Test {
  protected:
   void SetUp() override {
     writeTenSecondMission(folder_.path() / "mission");
-    ScheduleOptions options;
-    options.start_utc_ns = kMissionNs + 3600 * kSecond_ns;
+    ScheduleOptions options{.start_utc_ns = kMissionNs + 3600 * kSecond_ns};
     clock_.advance(options.start_utc_ns - kSecond_ns);
     schedule_ = makeSchedule(folder_.path() / "mission", options);
   }
@@ -141,12 +139,11 @@ TEST_F(HilPlayers, TheShipReceivesTheVehicleAndItsFixesArriveOverTheModem) {
   std::uint16_t sent = 0;
   for (int i = 0; i < 300 && !fix; ++i) {
     if (i % 20 == 0) {
-      telemetry::FrameHeader header;
-      header.identity = kIdentity;
-      header.version = sent;
-      header.type = telemetry::MessageType::kTrack;
-      header.turn = sent % 2 == 1;
-      const std::size_t size = telemetry::encodeFrame(header, std::vector<std::uint8_t>(22, 5), buffer);
+      const std::size_t size = telemetry::encodeFrame({.identity = kIdentity,
+                                                       .version = sent,
+                                                       .type = telemetry::MessageType::kTrack,
+                                                       .turn = sent % 2 == 1},
+                                                      std::vector<std::uint8_t>(22, 5), buffer);
       if (vehicle.send(std::span(buffer).first(size))) ++sent;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(10));

@@ -1,18 +1,17 @@
 // What makes a sea hard: each key does what its documentation says, and nothing else.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <opencv2/imgcodecs.hpp>
 
 #include "realtime/base/numbers/order_statistics.hpp"
-#include "sim/sea/ground/albedo_images.hpp"
+#include "sim/sea/ground/texture_image.hpp"
 #include "sim/sea/light/daylight.hpp"
-#include "sim/sea/light/lens_blur.hpp"
+#include "sim/sea/light/lens.hpp"
 #include "sim/sea/light/marine_snow.hpp"
-#include "tests/sim/renderer_scene.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/world/sim_scenes.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -28,9 +27,7 @@ std::vector<float> lit(const Renderer& renderer, const PhotoConditions& moment, 
 }
 
 TEST(MarineSnow, HasTheNumbersAndTheSizesThatItsKeysSay) {
-  WaterConfig water;
-  water.snow_per_m3 = 2000;
-  water.snow_slope = 4;
+  WaterConfig water{.snow_per_m3 = 2000, .snow_slope = 4};
   std::size_t count = 0, large = 0;
   constexpr int kPairs = 20;
   const Camera camera = smallRig().left;
@@ -160,8 +157,7 @@ TEST(Renderer, WhatMovesWhileTheImageGathersLightIsBlurred) {
 }
 
 TEST(Daylight, FallsWithDepthAndCausticsKeepItsMean) {
-  DaylightConfig config;
-  config.irradiance = 2;
+  DaylightConfig config{.irradiance = 2};
   WaterConfig water;
   const Eigen::Vector3f up(0, 0, -1);
   const Daylight even(config, water, 1, 0);

@@ -1,6 +1,5 @@
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <fstream>
 #include <map>
 #include <set>
@@ -9,11 +8,10 @@
 #include "firmware_if/mission/feature_file.hpp"
 #include "firmware_if/mission/images/image_file.hpp"
 #include "firmware_if/mission/mission.hpp"
-#include "firmware_if/mission/pose_files.hpp"
 #include "firmware_if/mission/sensor_log.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "sim/mission/mission_maker.hpp"
 #include "sim/scenario/scenario_file.hpp"
 #include "sim/sea/sea_terrain.hpp"
@@ -40,12 +38,8 @@ Scenario tinyScenario() {
 
 MissionMakerReport make(const Scenario& scenario, const std::filesystem::path& out, int threads = 0,
                         bool force = false, bool features = false) {
-  MissionMakerOptions options;
-  options.features = features;
-  options.out = out;
-  options.threads = threads;
-  options.force = force;
-  return makeMission(scenario, options);
+  return makeMission(scenario,
+                     {.out = out, .force = force, .threads = threads, .features = features, .progress = {}});
 }
 
 // Every file's bytes by its relative name.

@@ -2,11 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
 #include <opencv2/imgcodecs.hpp>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_writer.hpp"
+#include "recon/geometry/ply.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {

@@ -1,24 +1,21 @@
 #include "sim/score/score.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <cmath>
 #include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "firmware_if/mission/mission.hpp"
 #include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_writer.hpp"
+#include "recon/geometry/ply.hpp"
 #include "recon/geometry/stereo_rig.hpp"
-#include "sim/score/alignment.hpp"
 #include "sim/score/surface_score.hpp"
 #include "sim/score/truth_surface.hpp"
-#include "tests/sim/synthetic_seafloor.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/world/ground.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -46,7 +43,7 @@ class ScoreTest : public ::testing::Test {
     rig.T_right_left = SE3::fromEuler(0, 0, 0, {-0.07, 0, 0});
     writeStereoCalib(root() / "stereo.calib", rig);
     std::filesystem::create_directories(root() / "truth");
-    writePly(root() / "truth" / "terrain.ply", syntheticSeafloor());
+    writePly(root() / "truth" / "terrain.ply", test::syntheticSeafloor());
     std::vector<io::TrajectoryPoint> track;
     for (int i = -100; i <= 2100; ++i) track.push_back({kStart + i * 20'000'000LL, truePose(i * 0.02)});
     io::writeTrajectory(root() / "truth" / "trajectory.csv", track);
@@ -64,13 +61,11 @@ class ScoreTest : public ::testing::Test {
     io::StereoPoseFile file;
     file.origin = origin;
     for (int i = 0; i <= 80; ++i) {
-      io::StereoPose pose;
-      pose.id = i;
-      pose.utc_s = static_cast<double>(kStart) * 1e-9 + i * 0.5;
-      pose.T_nav_cam = cameraOf(i);
-      pose.left_image = "L" + std::to_string(i) + ".tif";
-      pose.right_image = "R" + std::to_string(i) + ".tif";
-      file.poses.push_back(pose);
+      file.poses.push_back({.id = i,
+                            .utc_s = static_cast<double>(kStart) * 1e-9 + i * 0.5,
+                            .T_nav_cam = cameraOf(i),
+                            .left_image = "L" + std::to_string(i) + ".tif",
+                            .right_image = "R" + std::to_string(i) + ".tif"});
     }
     std::filesystem::create_directories(root() / program);
     io::writeStereoPoses(root() / program / "stereo_pose_est.data", file);
@@ -84,7 +79,7 @@ class ScoreTest : public ::testing::Test {
     });
   }
   void writeSurface(const std::string& program, const std::string& name, const SE3& moved) {
-    Mesh mesh = syntheticSeafloor(0.08);
+    Mesh mesh = test::syntheticSeafloor(0.08);
     transform(mesh, moved);
     std::filesystem::create_directories(root() / program);
     writePly(root() / program / name, mesh);
@@ -128,7 +123,7 @@ TEST_F(ScoreTest, AKnownShiftIsTheAbsoluteErrorAndVanishesWhenAligned) {
 
 TEST_F(ScoreTest, ASurfaceWithAHoleIsIncompleteByWhatIsMissing) {
   writePoses("topside", SE3());
-  Mesh mesh = syntheticSeafloor(0.08);
+  Mesh mesh = test::syntheticSeafloor(0.08);
   // The southern half of what there is.
   std::erase_if(mesh.triangles, [&](const auto& t) { return mesh.vertices[t[0]].x() < 0; });
   std::filesystem::create_directories(root() / "topside");
@@ -200,8 +195,7 @@ TEST_F(ScoreTest, PosesAreHeldAgainstTheirOwnCovariance) {
   writePoses("topside", SE3(), [](int i) { return Eigen::Vector3d(0.3, 0, i % 2 == 0 ? 0.1 : 0.0); });
   std::vector<io::PoseCovariance> sure;
   for (int i = 0; i <= 60; ++i) {
-    io::PoseCovariance pose;
-    pose.left_image = "L" + std::to_string(i) + ".tif";
+    io::PoseCovariance pose{.left_image = "L" + std::to_string(i) + ".tif"};
     pose.covariance.diagonal() << 0.01, 4.0, 0.0004, 1e-4, 1e-4, 1e-4;
     sure.push_back(pose);
   }
@@ -239,7 +233,7 @@ TEST_F(ScoreTest, OdometryIsPlacedAtTheTruthAndItsDriftCounts) {
 }
 
 TEST_F(ScoreTest, HalfASurfaceCoversAboutHalfOfWhatWasSeen) {
-  Mesh mesh = syntheticSeafloor();
+  Mesh mesh = test::syntheticSeafloor();
   std::erase_if(mesh.triangles, [&](const auto& t) { return mesh.vertices[t[0]].x() > 0.4F; });
   std::filesystem::create_directories(root() / "onboard");
   writePly(root() / "onboard" / "map.ply", mesh);
@@ -277,7 +271,7 @@ TEST_F(ScoreTest, DamagedAndAbsentFilesAreRefusedInOneLine) {
 }
 
 TEST(TruthSurface, FindsTheNearestPointOfAllTriangles) {
-  const Mesh mesh = syntheticSeafloor(0.5);
+  const Mesh mesh = test::syntheticSeafloor(0.5);
   const TruthSurface surface(mesh);
   for (const Eigen::Vector3d& from : {Eigen::Vector3d(0.3, 0.2, 9.0), Eigen::Vector3d(9, 9, 9),
                                       Eigen::Vector3d(-1.7, 2.2, 10.6), Eigen::Vector3d(0, 0, 50)}) {

@@ -5,37 +5,22 @@
 #include <cmath>
 
 #include "realtime/base/units.hpp"
-#include "tests/sim/sensor_dive.hpp"
+#include "tests/world/sim_scenes.hpp"
 
 namespace fathom::sim {
 namespace {
-
-template <typename Sample>
-std::vector<Sample> samplesOf(const LoggedSamples& logged) {
-  std::vector<Sample> out;
-  for (const io::LoggedSample& s : logged) out.push_back(std::get<Sample>(s.sample));
-  return out;
-}
 
 class SensorFault : public SensorTest {
  protected:
   std::vector<DvlSample> dvl(const SimulatedDvlConfig& config) const {
     SensorsConfig sensors;
     sensors.dvl = config;
-    LoggedSamples logged;
-    simulateDvl(world(), sensors, logged);
-    return samplesOf<DvlSample>(logged);
+    return sampled<DvlSample>(simulateDvl, sensors);
   }
   std::vector<AttitudeSample> compass(const CompassConfig& config) const {
-    LoggedSamples logged;
-    simulateCompass(world(), config, logged);
-    return samplesOf<AttitudeSample>(logged);
+    return sampled<AttitudeSample>(simulateCompass, config);
   }
-  std::vector<UsblFix> usbl(const UsblConfig& config) const {
-    LoggedSamples logged;
-    simulateUsbl(world(), config, logged);
-    return samplesOf<UsblFix>(logged);
-  }
+  std::vector<UsblFix> usbl(const UsblConfig& config) const { return sampled<UsblFix>(simulateUsbl, config); }
   Eigen::Vector2d placeOf(const UsblFix& fix) const {
     return LocalTransverseMercator(world().origin).toLocal({fix.latitude, fix.longitude});
   }
@@ -288,11 +273,9 @@ TEST_F(SensorFault, GpsIsWhereTheVehicleIsInTheMean) {
   sensors.gps.drift_sigma_m = 0;
   sensors.gps.sigma_m = 0.4;
   sensors.gps.rate_hz = 10;
-  LoggedSamples logged;
-  simulateGps(world(), sensors, logged);
   const LocalTransverseMercator mercator(world().origin);
   Statistics north, east;
-  for (const GpsFix& fix : samplesOf<GpsFix>(logged)) {
+  for (const GpsFix& fix : sampled<GpsFix>(simulateGps, sensors)) {
     const Eigen::Vector2d off = mercator.toLocal({fix.latitude, fix.longitude}) -
                                 trajectory.poseAt(timeOf(fix.utc_ns)).translation().head<2>();
     north.add(off.x()), east.add(off.y());
@@ -305,11 +288,7 @@ TEST_F(SensorFault, GpsIsWhereTheVehicleIsInTheMean) {
 TEST_F(SensorFault, DvlScaleIsDrawnForEachDiveAndSoundSetsSpeedsAndRanges) {
   SensorsConfig sensors;
   sensors.dvl.velocity_sigma_mps = sensors.dvl.range_sigma_m = sensors.dvl.dropout_probability = 0;
-  const auto middle = [&](std::uint64_t seed) {
-    LoggedSamples logged;
-    simulateDvl(world(seed), sensors, logged);
-    return samplesOf<DvlSample>(logged)[600];
-  };
+  const auto middle = [&](std::uint64_t seed) { return sampled<DvlSample>(simulateDvl, sensors, seed)[600]; };
   const DvlSample first = middle(1);
   Statistics scale;
   for (std::uint64_t seed = 1; seed <= 40; ++seed) {

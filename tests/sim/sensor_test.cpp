@@ -6,22 +6,20 @@
 #include <cmath>
 #include <numbers>
 
-#include "tests/sim/sensor_dive.hpp"
+#include "tests/world/sim_scenes.hpp"
 
 namespace fathom::sim {
 namespace {
 
 TEST_F(SensorTest, DvlVelocityHasTheNoiseScaleAndSoundSpeedErrorOfItsSpecification) {
   SensorsConfig config;
-  LoggedSamples samples;
   const SensorWorld w = world();
-  simulateDvl(w, config, samples);
+  const auto samples = sampled<DvlSample>(simulateDvl, config);
   // Least squares for the one factor between measured and true speeds, then the rest is noise.
   double num = 0, den = 0;
   std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> pairs;
   int absent = 0;
-  for (const auto& s : samples) {
-    const auto& dvl = std::get<DvlSample>(s.sample);
+  for (const DvlSample& dvl : samples) {
     if (!dvl.velocity) {
       ++absent;
       continue;
@@ -55,12 +53,10 @@ TEST_F(SensorTest, DvlRangesAndAltitudeAreThoseOfFourBeamsOnTheSeafloor) {
   SensorsConfig config;
   config.dvl.assumed_sound_speed_mps =
       soundSpeed(config.water.temperature_c, config.water.salinity_psu, 10.0);
-  LoggedSamples samples;
   const SensorWorld w = world();
-  simulateDvl(w, config, samples);
+  const auto samples = sampled<DvlSample>(simulateDvl, config);
   int checked = 0;
-  for (const auto& s : samples) {
-    const auto& dvl = std::get<DvlSample>(s.sample);
+  for (const DvlSample& dvl : samples) {
     if (!dvl.altitude) continue;
     const SE3 pose = trajectory.poseAt(timeOf(dvl.utc_ns)) * w.T_body_dvl;
     EXPECT_NEAR(*dvl.altitude, kSeafloor - pose.translation().z(), 0.06);
@@ -82,10 +78,8 @@ TEST_F(SensorTest, DvlRangesAndAltitudeAreThoseOfFourBeamsOnTheSeafloor) {
 TEST_F(SensorTest, DvlHasNoBottomLockBeyondItsRange) {
   SensorsConfig config;
   config.dvl.max_range_m = 5.0;
-  LoggedSamples samples;
-  simulateDvl(world(), config, samples);
-  for (const auto& s : samples) {
-    const auto& dvl = std::get<DvlSample>(s.sample);
+  const auto samples = sampled<DvlSample>(simulateDvl, config);
+  for (const DvlSample& dvl : samples) {
     const double depth = trajectory.poseAt(timeOf(dvl.utc_ns)).translation().z();
     if (kSeafloor - depth > 6.0) {
       EXPECT_FALSE(dvl.velocity.has_value());
@@ -95,21 +89,18 @@ TEST_F(SensorTest, DvlHasNoBottomLockBeyondItsRange) {
 
 TEST_F(SensorTest, ASilentDvlGivesNothingAndAStuckOneItsLastGoodEnsemble) {
   SensorsConfig config;
-  LoggedSamples healthy, faulty;
-  const SensorWorld w = world();
-  simulateDvl(w, config, healthy);
+  const auto healthy = sampled<DvlSample>(simulateDvl, config);
   config.dvl.outages = {{60, 90}};
   config.dvl.stuck = {{120, 130}};
-  simulateDvl(w, config, faulty);
+  const auto faulty = sampled<DvlSample>(simulateDvl, config);
   EXPECT_EQ(healthy.size() - faulty.size(), static_cast<std::size_t>(30 * config.dvl.rate_hz));
   std::size_t k = 0;
   const DvlSample* before = nullptr;
-  for (const auto& s : faulty) {
-    const auto& dvl = std::get<DvlSample>(s.sample);
+  for (const DvlSample& dvl : faulty) {
     const double t = timeOf(dvl.utc_ns);
     EXPECT_FALSE(t >= 60 && t < 90);
-    while (std::get<DvlSample>(healthy[k].sample).utc_ns < dvl.utc_ns) ++k;
-    const auto& good = std::get<DvlSample>(healthy[k].sample);
+    while (healthy[k].utc_ns < dvl.utc_ns) ++k;
+    const auto& good = healthy[k];
     if (t >= 120 && t < 130) {
       ASSERT_NE(before, nullptr);
       EXPECT_EQ(dvl.velocity, before->velocity);
@@ -126,12 +117,10 @@ TEST_F(SensorTest, DepthFollowsTheSensorAndTheTide) {
   SensorsConfig config;
   config.tide.amplitude_m = 0.5;
   config.tide.period_s = 600;
-  LoggedSamples samples;
   const SensorWorld w = world();
-  simulateDepth(w, config, samples);
+  const auto samples = sampled<DepthSample>(simulateDepth, config);
   Statistics error;
-  for (const auto& s : samples) {
-    const auto& d = std::get<DepthSample>(s.sample);
+  for (const DepthSample& d : samples) {
     const double t = timeOf(d.utc_ns);
     const double truth = (trajectory.poseAt(t) * w.T_body_depth).translation().z() +
                          0.5 * std::sin(2 * std::numbers::pi * t / 600);
@@ -152,8 +141,7 @@ double waveNumber(double rate, double depth) {
 }
 
 TEST_F(SensorTest, SwellHasItsHeightAtTheSurfaceAndWhatDepthLeavesOfItBelow) {
-  const WavesConfig config{.height_m = 2, .period_s = 8};
-  const Waves waves = world().waves(config);
+  const Waves waves = world().waves({.height_m = 2, .period_s = 8});
   Statistics surface, below;
   constexpr double kDepth = 10;
   for (double t = 0; t < 3600; t += 0.5) {
@@ -209,14 +197,12 @@ TEST_F(SensorTest, SwellMovesDepthAndGpsAndNothingElse) {
 TEST_F(SensorTest, UsblFixesAreLateAccurateAndSometimesWildlyWrong) {
   UsblConfig config;
   config.period_s = 0.5;
-  LoggedSamples samples;
   const SensorWorld w = world();
-  simulateUsbl(w, config, samples);
+  const auto samples = sampled<UsblFix>(simulateUsbl, config);
   const LocalTransverseMercator mercator(w.origin);
   std::vector<double> errors;
   int wild = 0;
-  for (const auto& s : samples) {
-    const auto& fix = std::get<UsblFix>(s.sample);
+  for (const UsblFix& fix : samples) {
     EXPECT_GT(fix.arrival_utc_ns - fix.utc_ns, std::int64_t{1'000'000'000});
     const Eigen::Vector3d truth = (trajectory.poseAt(timeOf(fix.utc_ns)) * w.T_body_usbl).translation();
     const Eigen::Vector2d error = mercator.toLocal({fix.latitude, fix.longitude}) - truth.head<2>();
@@ -230,16 +216,14 @@ TEST_F(SensorTest, UsblFixesAreLateAccurateAndSometimesWildlyWrong) {
   EXPECT_LT(rms, 0.32);
   EXPECT_NEAR(wild / static_cast<double>(samples.size()), config.outlier_probability, 0.025);
   // What a fix states is the error of either component.
-  EXPECT_NEAR(std::get<UsblFix>(samples.front().sample).sigma_horizontal, rms / std::numbers::sqrt2, 0.06);
+  EXPECT_NEAR(samples.front().sigma_horizontal, rms / std::numbers::sqrt2, 0.06);
 }
 
 TEST_F(SensorTest, GpsIsThereOnlyAtTheSurface) {
-  LoggedSamples samples;
-  const SensorWorld w = world();
-  simulateGps(w, SensorsConfig(), samples);
+  const auto samples = sampled<GpsFix>(simulateGps, SensorsConfig());
   int before = 0, after = 0;
-  for (const auto& s : samples) {
-    const double t = timeOf(std::get<GpsFix>(s.sample).utc_ns);
+  for (const GpsFix& fix : samples) {
+    const double t = timeOf(fix.utc_ns);
     EXPECT_TRUE(t < trajectory.diveBegin() || t >= trajectory.surfaced());
     ++(t < trajectory.diveBegin() ? before : after);
   }
@@ -280,29 +264,24 @@ TEST_F(SensorTest, TheLogIsInTheOrderOfArrivalAndEverySensorIsInIt) {
 
 TEST_F(SensorTest, OneSensorsRateDoesNotChangeAnothersNumbers) {
   SensorsConfig config;
-  LoggedSamples a, b;
-  simulateDepth(world(), config, a);
+  const auto a = sampled<DepthSample>(simulateDepth, config);
   config.dvl.rate_hz = 9;
-  LoggedSamples other;
-  simulateDvl(world(), config, other);
-  simulateDepth(world(), config, b);
+  (void)sampled<DvlSample>(simulateDvl, config);
+  const auto b = sampled<DepthSample>(simulateDepth, config);
   ASSERT_EQ(a.size(), b.size());
-  for (std::size_t i = 0; i < a.size(); ++i)
-    EXPECT_EQ(std::get<DepthSample>(a[i].sample).depth, std::get<DepthSample>(b[i].sample).depth);
-  LoggedSamples c;
-  simulateDepth(world(8), config, c);
-  EXPECT_NE(std::get<DepthSample>(a[3].sample).depth, std::get<DepthSample>(c[3].sample).depth);
+  for (std::size_t i = 0; i < a.size(); ++i) EXPECT_EQ(a[i].depth, b[i].depth);
+  const auto c = sampled<DepthSample>(simulateDepth, config, 8);
+  EXPECT_NE(a[3].depth, c[3].depth);
 }
 
 TEST_F(SensorTest, ABatteryLosesTheEnergyThatItGives) {
   SensorsConfig config;
   config.battery.rate_hz = 1;
-  LoggedSamples samples;
-  simulateBattery(world(), config.battery, samples);
+  const auto samples = sampled<BatterySample>(simulateBattery, config.battery);
   ASSERT_GT(samples.size(), 100U);
   double given_wh = 0, last_charge = config.battery.start_charge;
   for (std::size_t i = 0; i < samples.size(); ++i) {
-    const auto& b = std::get<BatterySample>(samples[i].sample);
+    const auto& b = samples[i];
     ASSERT_TRUE(b.voltage && b.current && b.charge);
     EXPECT_LE(*b.charge, last_charge);
     last_charge = *b.charge;
@@ -321,9 +300,8 @@ TEST_F(SensorTest, ABatteryLosesTheEnergyThatItGives) {
 TEST_F(SensorTest, AnEmptyBatteryStaysEmpty) {
   SensorsConfig config;
   config.battery.capacity_wh = 1;
-  LoggedSamples samples;
-  simulateBattery(world(), config.battery, samples);
-  EXPECT_EQ(std::get<BatterySample>(samples.back().sample).charge, 0.0);
+  const auto samples = sampled<BatterySample>(simulateBattery, config.battery);
+  EXPECT_EQ(samples.back().charge, 0.0);
 }
 
 TEST(WaterProperties, AgreeWithThePublishedCheckValues) {

@@ -22,11 +22,10 @@ constexpr std::int64_t kStart_ns = 1'790'000'000 * kSecond_ns;
 using Bytes = std::vector<std::uint8_t>;
 
 Bytes uplink(int sequence, bool turn) {
-  telemetry::FrameHeader header;
-  header.identity = kIdentity;
-  header.version = static_cast<std::uint16_t>(sequence);
-  header.type = telemetry::MessageType::kTrack;
-  header.turn = turn;
+  telemetry::FrameHeader header{.identity = kIdentity,
+                                .version = static_cast<std::uint16_t>(sequence),
+                                .type = telemetry::MessageType::kTrack,
+                                .turn = turn};
   Bytes frame(telemetry::kMaxFrameBytes);
   const Bytes payload(22, 5);
   frame.resize(telemetry::encodeFrame(header, payload, frame));

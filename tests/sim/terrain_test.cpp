@@ -8,7 +8,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_writer.hpp"
+#include "recon/geometry/ply.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::sim {

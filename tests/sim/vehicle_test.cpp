@@ -6,18 +6,13 @@
 #include <cmath>
 
 #include "recon/geometry/se3.hpp"
-#include "sim/vehicle/dubins.hpp"
+#include "sim/vehicle/survey_path.hpp"
 
 namespace fathom::sim {
 namespace {
 
 SurveyPlan smallPlan() {
-  SurveyPlan plan;
-  plan.lines = 3;
-  plan.line_length = 10;
-  plan.line_spacing = 1.2;
-  plan.cross_lines = 2;
-  return plan;
+  return SurveyPlan{.lines = 3, .line_length = 10, .line_spacing = 1.2, .cross_lines = 2};
 }
 
 double flat(double, double) {
@@ -114,11 +109,7 @@ TEST(Vehicle, FloatsAtTheSurfaceBeforeAndAfterAndSurveysInBetween) {
 }
 
 TEST(Vehicle, ComesDownSlowlyBehindALedgeSoThatTheAltitudeReachesSixMetres) {
-  SurveyPlan plan;
-  plan.lines = 2;
-  plan.line_length = 20;
-  plan.line_spacing = 1.5;
-  plan.cross_lines = 0;
+  SurveyPlan plan{.lines = 2, .line_length = 20, .line_spacing = 1.5, .cross_lines = 0};
   const auto ledge = [](double north, double) { return north > -3.0 ? 13.0 : 9.0; };
   const Trajectory t = simulateVehicle(plan, VehicleConfig(), ledge, 5);
   double lowest = 1e9, highest = 0, last_high = 0;
@@ -136,10 +127,7 @@ TEST(Vehicle, ComesDownSlowlyBehindALedgeSoThatTheAltitudeReachesSixMetres) {
 }
 
 TEST(Vehicle, ClimbsBeforeAWallInsteadOfMeetingIt) {
-  SurveyPlan plan;
-  plan.lines = 1;
-  plan.line_length = 16;
-  plan.cross_lines = 0;
+  SurveyPlan plan{.lines = 1, .line_length = 16, .cross_lines = 0};
   const auto wall = [](double north, double) { return north > 0.0 ? 8.0 : 13.0; };
   const Trajectory t = simulateVehicle(plan, VehicleConfig(), wall, 5);
   for (double time = t.surveyBegin(); time < t.surveyEnd(); time += 0.1) {

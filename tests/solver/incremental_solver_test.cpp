@@ -9,20 +9,19 @@
 #include <vector>
 
 #include "recon/solver/batch/batch_solver.hpp"
-#include "recon/solver/batch/g2o_file.hpp"
 #include "recon/solver/incremental/pose_replay.hpp"
+#include "recon/solver/pose_graph.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/world/graphs.hpp"
 
 namespace fathom::slam {
 namespace {
 
 IncrementalConfig sizedFor(const PoseGraph& graph) {
-  IncrementalConfig config;
-  config.max_poses = static_cast<int>(graph.poses.size());
-  config.max_measurements = static_cast<int>(graph.edges.size());
-  config.max_factor_blocks = 100000;
-  return config;
+  return IncrementalConfig{.max_poses = static_cast<int>(graph.poses.size()),
+                           .max_measurements = static_cast<int>(graph.edges.size()),
+                           .max_factor_blocks = 100000};
 }
 
 PoseGraph graphFromFile(const char* name, int poses) {
@@ -189,11 +188,7 @@ TEST(IncrementalSolver, AFalseClosureThatIsTakenOutLeavesTheSolutionWithoutIt) {
 }
 
 TEST(IncrementalSolver, MeasurementsOfThePoseItselfPullItIntoTheWorld) {
-  IncrementalConfig config;
-  config.max_poses = 3;
-  config.max_measurements = 5;
-  config.max_factor_blocks = 10;
-  IncrementalSolver solver(config);
+  IncrementalSolver solver({.max_poses = 3, .max_measurements = 5, .max_factor_blocks = 10});
   Matrix6d depth = Matrix6d::Zero();
   depth(2, 2) = 100;
   ASSERT_EQ(solver.addPose(SE3()), AddStatus::kOk);
@@ -212,16 +207,10 @@ TEST(IncrementalSolver, CovariancesAreThoseOfTheDenseNormalEquations) {
   IncrementalSolver solver(sizedFor(graph));
   for (PoseReplay replay(graph); !replay.done();) replay.step(solver);
   for (int i = 0; i < 5; ++i) solver.step();
-  const int n = 6 * solver.size();
-  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(n, n);
-  information.topLeftCorner<6, 6>() = 1e9 * Matrix6d::Identity();  // held
-  for (const RelativePose& e : graph.edges) {
-    const RelativePoseLinear l = linearize(e, solver.pose(e.from), solver.pose(e.to));
-    Eigen::MatrixXd row = Eigen::MatrixXd::Zero(6, n);
-    row.middleCols<6>(6 * e.from) = l.by_from;
-    row.middleCols<6>(6 * e.to) = l.by_to;
-    information += row.transpose() * e.information * row;
-  }
+  std::vector<SE3> poses;
+  for (int i = 0; i < solver.size(); ++i) poses.push_back(solver.pose(i));
+  Eigen::MatrixXd information = informationOf(poses, graph.edges);
+  information.topLeftCorner<6, 6>() += 1e9 * Matrix6d::Identity();  // held
   const Eigen::MatrixXd inverse = information.inverse();
   const Matrix6d expected = inverse.block<6, 6>(6 * 29, 6 * 29);
   EXPECT_LT((solver.covariance(29) - expected).norm(), 0.05 * expected.norm())
@@ -247,10 +236,7 @@ TEST(IncrementalSolver, CovariancesAreThoseOfTheDenseNormalEquations) {
 }
 
 TEST(IncrementalSolver, WhatDoesNotFitOrCannotBeIsRefusedAndTheRestGoesOn) {
-  IncrementalConfig config;
-  config.max_poses = 2;
-  config.max_measurements = 1;
-  config.max_factor_blocks = 1;
+  IncrementalConfig config{.max_poses = 2, .max_measurements = 1, .max_factor_blocks = 1};
   IncrementalSolver solver(config);
   const SE3 ahead = SE3::fromEuler(0, 0, 0, {1, 0, 0});
   EXPECT_EQ(solver.addPose(SE3()), AddStatus::kOk);
@@ -297,9 +283,7 @@ TEST(IncrementalSolver, WhatIsHeldSoftlyStaysWhileStiffStepsAreAdded) {
   constexpr double kStep = 0.5, kSharp = 3e-4, kSoft = 1;  // [m]
   std::mt19937 random(4);
   std::normal_distribution<double> normal;
-  IncrementalConfig config;
-  config.max_poses = 300;
-  config.max_measurements = 400;
+  IncrementalConfig config{.max_poses = 300, .max_measurements = 400};
   IncrementalSolver solver(config);
   ASSERT_EQ(solver.addPose(SE3()), AddStatus::kOk);
   const SE3 first(Eigen::Quaterniond::Identity(), {5, -4, 2}),

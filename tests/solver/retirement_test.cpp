@@ -8,12 +8,11 @@
 #include <random>
 #include <vector>
 
-#include "recon/geometry/symmetric_eigen.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
 #include "recon/solver/incremental/incremental_solver.hpp"
-#include "tests/solver/dense_graph.hpp"
-#include "tests/solver/survey_graph.hpp"
 #include "tests/support/heap_counter.hpp"
+#include "tests/world/graphs.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -186,13 +185,11 @@ class PooledReplay {
 };
 
 test::Survey smallSurvey(int keyframes, int closures, bool sensors, unsigned seed) {
-  test::SurveyPlan plan;
-  plan.keyframes = keyframes;
-  plan.closures = closures;
-  plan.line_length = 40;
-  plan.attitude_and_depth = sensors;
-  plan.seed = seed;
-  return test::makeSurvey(plan);
+  return test::makeSurvey({.keyframes = keyframes,
+                           .closures = closures,
+                           .line_length = 40,
+                           .attitude_and_depth = sensors,
+                           .seed = seed});
 }
 
 // Farthest that a pose which is left is from the batch solution's [m].
@@ -273,20 +270,21 @@ TEST(Retirement, PosesThatAreLeftAreNeverMoreCertainThanByAllMeasurements) {
   }
 }
 
-TEST(Retirement, WhatCannotBeRetiredIsRefusedAndAnIndexIsUsedAgain) {
-  IncrementalConfig config;
-  config.max_poses = 4;
-  config.max_measurements = 6;
-  config.max_factor_blocks = 100;
-  IncrementalSolver solver(config);
-  const SE3 ahead = SE3::fromEuler(0, 0, 0, {1, 0, 0});
-  EXPECT_EQ(solver.leastNeeded(0), -1);
-  for (int i = 0; i < 4; ++i) {
+const SE3 kMetreAhead = SE3::fromEuler(0, 0, 0, {1, 0, 0});
+
+// So many poses a metre apart, each measured from the one before.
+void addChain(IncrementalSolver& solver, int poses) {
+  for (int i = 0; i < poses; ++i) {
     ASSERT_EQ(solver.addPose(SE3::fromEuler(0, 0, 0, {1.0 * i, 0, 0})), AddStatus::kOk);
-    if (i > 0) {
-      ASSERT_EQ(solver.addMeasurement({i - 1, i, ahead, Matrix6d::Identity()}), AddStatus::kOk);
-    }
+    if (i == 0) continue;
+    ASSERT_EQ(solver.addMeasurement({i - 1, i, kMetreAhead, Matrix6d::Identity()}), AddStatus::kOk);
   }
+}
+
+TEST(Retirement, WhatCannotBeRetiredIsRefusedAndAnIndexIsUsedAgain) {
+  IncrementalSolver solver({.max_poses = 4, .max_measurements = 6, .max_factor_blocks = 100});
+  EXPECT_EQ(solver.leastNeeded(0), -1);
+  addChain(solver, 4);
   EXPECT_EQ(solver.retire(1), RetireStatus::kNotSettled) << "no step has seen its measurements";
   solver.step();
   EXPECT_EQ(solver.retire(-1), RetireStatus::kNoSuchPose);
@@ -298,12 +296,12 @@ TEST(Retirement, WhatCannotBeRetiredIsRefusedAndAnIndexIsUsedAgain) {
   EXPECT_EQ(solver.retire(old), RetireStatus::kOk);
   EXPECT_EQ(solver.retire(old), RetireStatus::kNoSuchPose);
   EXPECT_TRUE(solver.isRetired(old));
-  EXPECT_EQ(solver.addMeasurement({0, old, ahead, Matrix6d::Identity()}), AddStatus::kNoSuchPose);
+  EXPECT_EQ(solver.addMeasurement({0, old, kMetreAhead, Matrix6d::Identity()}), AddStatus::kNoSuchPose);
   int index_again = -1;
   EXPECT_EQ(solver.addPose(SE3::fromEuler(0, 0, 0, {4.5, 0, 0}), &index_again), AddStatus::kOk);
   EXPECT_EQ(index_again, old);
   EXPECT_FALSE(solver.isRetired(old));
-  ASSERT_EQ(solver.addMeasurement({3, old, ahead, Matrix6d::Identity()}), AddStatus::kOk);
+  ASSERT_EQ(solver.addMeasurement({3, old, kMetreAhead, Matrix6d::Identity()}), AddStatus::kOk);
   for (int i = 0; i < 10; ++i) solver.step();
   EXPECT_NEAR(solver.pose(old).translation().x(), 4, 1e-6);
   EXPECT_NEAR(solver.pose(3).translation().x(), 3, 1e-6) << "still joined to the first";
@@ -311,18 +309,8 @@ TEST(Retirement, WhatCannotBeRetiredIsRefusedAndAnIndexIsUsedAgain) {
 }
 
 TEST(Retirement, APoseThatMustStayIsNotNamedAsTheLeastNeeded) {
-  IncrementalConfig config;
-  config.max_poses = 6;
-  config.max_measurements = 6;
-  config.max_factor_blocks = 100;
-  IncrementalSolver solver(config);
-  const SE3 ahead = SE3::fromEuler(0, 0, 0, {1, 0, 0});
-  for (int i = 0; i < 6; ++i) {
-    ASSERT_EQ(solver.addPose(SE3::fromEuler(0, 0, 0, {1.0 * i, 0, 0})), AddStatus::kOk);
-    if (i > 0) {
-      ASSERT_EQ(solver.addMeasurement({i - 1, i, ahead, Matrix6d::Identity()}), AddStatus::kOk);
-    }
-  }
+  IncrementalSolver solver({.max_poses = 6, .max_measurements = 6, .max_factor_blocks = 100});
+  addChain(solver, 6);
   solver.step();
   const std::array<std::uint8_t, 4> must_stay = {0, 1, 0, 1};  // nothing is said of the others
   for (const int left : {2, 4}) {

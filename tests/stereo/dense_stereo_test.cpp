@@ -7,22 +7,17 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "recon/stereo/disparity_cells.hpp"
-#include "tests/stereo/synthetic_scene.hpp"
+#include "tests/world/pictures.hpp"
 
 namespace fathom::stereo {
 namespace {
 
-using test::croppedRig;
-using test::Sheet;
-using test::SyntheticScene;
+using test::croppedRig, test::Sheet, test::SyntheticScene;
 
 constexpr int kDenseWidth = 640, kDenseHeight = 480;  // [px]
 
 SparseStereoConfig wanted(int points) {
-  SparseStereoConfig limits;
-  limits.max_features = points;
-  return limits;
+  return SparseStereoConfig{.max_features = points};
 }
 
 std::vector<double> depthErrors(const SyntheticScene& scene, const StereoResult& result) {

@@ -7,14 +7,12 @@
 #include <string>
 
 #include "recon/stereo/sparse_stereo.hpp"
-#include "tests/stereo/synthetic_scene.hpp"
+#include "tests/world/pictures.hpp"
 
 namespace fathom::stereo {
 namespace {
 
-using test::croppedRig;
-using test::Sheet;
-using test::SyntheticScene;
+using test::croppedRig, test::Sheet, test::SyntheticScene;
 
 constexpr int kFishWidth = 800, kFishHeight = 600;  // [px]
 constexpr double kFloor = 2.0;                      // [m]
@@ -184,9 +182,7 @@ class SnowOf : public testing::TestWithParam<Snow> {};
 TEST_P(SnowOf, DoesNotBecomePoints) {
   const SyntheticScene scene(croppedRig(kFishWidth, kFishHeight), {floorSheet()});
   auto [left, right] = scene.render({1.0, 0.0, 2.0}, {0.8, 12.0, 3.0});
-  SparseStereoConfig config;
-  config.max_features = 600;
-  SparseStereo stereo(scene.rig(), config);
+  SparseStereo stereo(scene.rig(), {.max_features = 600});
   const std::size_t clear = stereo.process(left.view(), right.view(), {}).points.size();
   addSnow(scene.rig(), GetParam(), left, right);
   const StereoResult& result = stereo.process(left.view(), right.view(), {});

@@ -1,24 +1,18 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <stdexcept>
 #include <vector>
 
 #include "recon/stereo/sparse_stereo.hpp"
-#include "tests/stereo/synthetic_scene.hpp"
 #include "tests/support/strip_mask.hpp"
 #include "tests/support/text_files.hpp"
+#include "tests/world/pictures.hpp"
 
 namespace fathom::stereo {
 namespace {
 
-using test::croppedRig;
-using test::Exposure;
-using test::GrayImage;
-using test::Sheet;
-using test::SyntheticScene;
+using test::croppedRig, test::Exposure, test::GrayImage, test::Sheet, test::SyntheticScene;
 
 constexpr int kSparseWidth = 640, kSparseHeight = 480;  // [px]
 // A strobe on the left: the right image is darker, hazier and noisier.
@@ -187,8 +181,7 @@ TEST(SparseStereo, WindowsAcrossAStepThatFollowTheWrongSideAreFoundByTheirMiddle
 }
 
 TEST(SparseStereo, TrianglesFaceTheCameraAndKeepToTheLongestEdge) {
-  SparseStereoConfig config;
-  config.max_edge = 0.06;
+  SparseStereoConfig config{.max_edge = 0.06};
   const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   const StereoResult result = run(scene, {}, config);
   ASSERT_GE(result.triangles.size(), 500U);
@@ -339,8 +332,7 @@ TEST(StereoMesh, CarriesPointsSigmaColoursAndNormalsTowardsTheCamera) {
   EXPECT_TRUE(toMesh(result, {}).colours.empty());
 }
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
+using ::testing::AllOf, ::testing::HasSubstr;
 
 SparseStereoConfig read(const char* toml) {
   const ConfigTable root = ConfigTable::parse(toml, "test.toml");

@@ -2,12 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <cstdint>
-#include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <new>
-#include <string>
 #include <vector>
 
 #include "realtime/base/units.hpp"

@@ -1,10 +1,12 @@
-// The system's file calls, spoilt as a BadDiskControl says: libfathom_bad_disk.so, preloaded into a program,
-// or fathom_bad_disk_here, linked into a test. What the C library does inside of itself is out of reach: a
-// FILE* is spoilt only as it is opened; copy_file_range() and mapped files are not spoilt either. The streams
-// of C++ call read() and write(), and are.
+// The system's file calls, spoilt as a BadDiskControl says, and the program's fault points, as a
+// BadPartsControl does: libfathom_bad_disk.so, preloaded into a program, or fathom_bad_disk_here, linked into
+// a test. What the C library does inside of itself is out of reach: a FILE* is spoilt only as it is opened;
+// copy_file_range() and mapped files are not spoilt either. The streams of C++ call read() and write(), and
+// are.
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,14 +17,17 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <stdexcept>
+
+#include "realtime/base/units.hpp"
+#include "realtime/kernel/fault_point.hpp"
 #include "tests/support/bad_disk_control.hpp"
+#include "tests/support/bad_parts.hpp"
 #include "tests/support/mapped_file.hpp"
 
 namespace {
 
-using fathom::test::BadDiskControl;
-using fathom::test::BadDiskRule;
-using fathom::test::DiskFault;
+using fathom::kSecond_ns, fathom::test::BadDiskControl, fathom::test::BadDiskRule, fathom::test::DiskFault;
 using namespace fathom::test;  // the calls' names
 
 constexpr std::size_t kMostPath = 4096;
@@ -172,6 +177,37 @@ int openAt(int folder, const char* name, int flags, mode_t mode) {
 
 mode_t modeOf(int flags, va_list arguments) {
   return (flags & (O_CREAT | __O_TMPFILE)) != 0 ? va_arg(arguments, mode_t) : 0;
+}
+
+// A part's faults, at its fault points (realtime/kernel/fault_point.hpp).
+constexpr int kSlower = 10;
+
+void sleepNs(std::int64_t ns) {
+  timespec left = {ns / kSecond_ns, static_cast<long>(ns % kSecond_ns)};
+  while (::nanosleep(&left, &left) != 0) continue;
+}
+
+void fail(PartFault fault) {
+  switch (fault) {
+    case PartFault::kThrow:
+      throw std::runtime_error("a fault of a test");
+    case PartFault::kAbort:
+      ::abort();
+    case PartFault::kSegmentation:
+      ::raise(SIGSEGV);
+      return;
+    case PartFault::kKill:
+      ::kill(::getpid(), SIGKILL);
+      return;
+    case PartFault::kHangShort:
+      return sleepNs(kSecond_ns);
+    case PartFault::kHang:
+      for (;;) ::pause();
+    case PartFault::kNone:
+    case PartFault::kSlow:
+    case PartFault::kCorrupt:
+      return;
+  }
 }
 
 }  // namespace
@@ -327,6 +363,30 @@ int mkdirat(int folder, const char* name, mode_t mode) noexcept {
 }
 int mkdir(const char* name, mode_t mode) noexcept {
   return mkdirat(AT_FDCWD, name, mode);
+}
+
+BadPartsControl* fathomBadParts() {
+  static BadPartsControl* const of_environment = mappedByEnvironment<BadPartsControl>("FATHOM_BAD_PARTS");
+  return of_environment;
+}
+
+void fathomFaultPoint(const char* part) {
+  BadPartsControl* const all = fathomBadParts();
+  if (all == nullptr) return;
+  const PartFault fault = all->fault;
+  if (fault == PartFault::kNone) return;
+  const bool here = ::strcmp(all->part, part) == 0;
+  if (fault == PartFault::kSlow) {
+    // Of its thread, since the point that it last came by.
+    thread_local std::int64_t before_ns = 0;
+    const std::int64_t now_ns = nowNs(CLOCK_THREAD_CPUTIME_ID);
+    const bool slow = here && before_ns != 0 && nowNs() < all->until_ns;
+    if (slow) sleepNs((kSlower - 1) * (now_ns - before_ns));
+    before_ns = now_ns;
+    if (slow) ++all->hit;
+  } else if (here && all->hit++ == 0) {
+    fail(fault);
+  }
 }
 
 }  // extern "C"

@@ -4,7 +4,6 @@
 #include <charconv>
 #include <cmath>
 #include <random>
-#include <string>
 
 namespace fathom::test {
 namespace {

@@ -3,15 +3,11 @@
 #include <gmock/gmock.h>
 #include <sys/wait.h>
 
-#include <algorithm>
 #include <cstdlib>
-#include <filesystem>
 #include <sstream>
-#include <string>
 #include <vector>
 
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::test {
 

@@ -1,8 +1,5 @@
 #pragma once
 
-#include <cstdint>
-#include <filesystem>
-
 #include "firmware_if/mission/log/log_events.hpp"
 #include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/mission/mission.hpp"

@@ -3,10 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdint>
-#include <cstring>
 #include <functional>
-#include <vector>
 
 #include "realtime/base/bytes/crc32.hpp"
 #include "realtime/base/bytes/state_archive.hpp"

@@ -1,8 +1,5 @@
 #pragma once
 
-#include <algorithm>
-#include <cstdint>
-
 #include "recon/geometry/image_view.hpp"
 
 namespace fathom::test {

@@ -3,8 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <filesystem>
-#include <string>
+#include "tests/support/text_files.hpp"
 
 namespace fathom::test {
 

@@ -6,9 +6,9 @@
 #include <random>
 #include <vector>
 
-#include "recon/geometry/flat_port.hpp"
+#include "recon/geometry/camera.hpp"
 #include "recon/surface/chart_lattice.hpp"
-#include "tests/surface/synthetic_seafloor.hpp"
+#include "tests/world/painted_seafloor.hpp"
 
 namespace fathom::surface {
 namespace {
@@ -204,9 +204,7 @@ TEST(BandImage, ReducedIsTheMeanOfSquares) {
   RgbImage image{9, 6, std::vector<std::uint8_t>(3 * 9 * 6)};
   for (int y = 0; y < 6; ++y)
     for (int x = 0; x < 9; ++x) image.at(x, y)[1] = static_cast<std::uint8_t>((x % 2) * 40 + (y % 2) * 80);
-  BandWidths widths;
-  widths.reduction = 2;
-  const BandImage bands = makeBands(image, widths);
+  const BandImage bands = makeBands(image, {.reduction = 2});
   EXPECT_EQ(bands.image.width, 4);
   EXPECT_EQ(bands.image.height, 3);
   for (std::size_t i = 0; i < bands.image.rgb.size(); ++i) EXPECT_EQ(bands.image.rgb[i], i % 3 == 1 ? 60 : 0);

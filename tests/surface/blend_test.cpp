@@ -1,17 +1,20 @@
-#include "recon/surface/blend.hpp"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
+#include <random>
 
+#include "recon/surface/blend.hpp"
 #include "tests/support/strip_mask.hpp"
-#include "tests/surface/synthetic_seafloor.hpp"
+#include "tests/world/painted_seafloor.hpp"
 
 namespace fathom::surface {
 namespace {
 
 constexpr double kTexel = 0.004;
 constexpr double kLow = -0.25, kHigh = 0.25;
+// Of the scenes' seafloor.
+const TileMesh kTile = flatTile(kLow, kHigh, SyntheticSeafloor{}.depth, 0.05);
 
 struct Result {
   Atlas atlas;
@@ -63,10 +66,12 @@ bool everywhere(double, double) {
   return true;
 }
 
+std::array<double, 3> evenPaint(double, double) {
+  return {120, 80, 60};
+}
+
 SyntheticSeafloor fiveViews() {
-  SyntheticSeafloor scene;
-  scene.camera = sceneCamera();
-  scene.paint = seafloorPaint;
+  SyntheticSeafloor scene{.camera = sceneCamera(), .paint = seafloorPaint};
   scene.addView(0.0, 0.0, 0.2);
   scene.addView(0.25, 0.1, 0.1, 0.05);
   scene.addView(-0.25, 0.05, -0.1);
@@ -75,13 +80,18 @@ SyntheticSeafloor fiveViews() {
   return scene;
 }
 
-TEST(Blend, ShowsTheSeafloorAsPainted) {
+SyntheticSeafloor fiveViewsTaken() {
   SyntheticSeafloor scene = fiveViews();
   scene.take();
+  return scene;
+}
+
+TEST(Blend, ShowsTheSeafloorAsPainted) {
+  SyntheticSeafloor scene = fiveViewsTaken();
   for (const BlendMode mode : {BlendMode::kBands, BlendMode::kAverage, BlendMode::kUnblended}) {
     BlendConfig config;
     config.mode = mode;
-    const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), config);
+    const Result result = textured(scene, kTile, config);
     EXPECT_EQ(result.counts.unseen, 0U);
     EXPECT_EQ(result.counts.outvoted, 0U);
     EXPECT_EQ(result.counts.views, 5U);
@@ -93,13 +103,10 @@ TEST(Blend, ShowsTheSeafloorAsPainted) {
 }
 
 TEST(Blend, AViewFromAfarDoesNotBlurWhatANearOneShows) {
-  SyntheticSeafloor scene;
-  scene.camera = sceneCamera();
-  scene.paint = seafloorPaint;
+  SyntheticSeafloor scene{.camera = sceneCamera(), .paint = seafloorPaint};
   scene.addView(0.2, 0.2, 0.2);  // at 2 m, beside
   scene.take();
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
-  const auto error = [&] { return errorOf(textured(scene, tile, {}).atlas, scene.paint, everywhere).rms; };
+  const auto error = [&] { return errorOf(textured(scene, kTile, {}).atlas, scene.paint, everywhere).rms; };
   const double alone = error();
   scene.addView(0, 0, 0.1);
   const SE3& over = scene.views.back().T_nav_cam;
@@ -111,15 +118,12 @@ TEST(Blend, AViewFromAfarDoesNotBlurWhatANearOneShows) {
 }
 
 TEST(Blend, GivesEverythingOfAnImageBackWhereItIsTheOnlyOne) {
-  SyntheticSeafloor scene;
-  scene.camera = sceneCamera();
-  scene.paint = seafloorPaint;
+  SyntheticSeafloor scene{.camera = sceneCamera(), .paint = seafloorPaint};
   scene.addView(0, 0, 0.4);
   scene.take();
   BlendConfig bands, unblended;
   unblended.mode = BlendMode::kUnblended;
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
-  const Result a = textured(scene, tile, bands), b = textured(scene, tile, unblended);
+  const Result a = textured(scene, kTile, bands), b = textured(scene, kTile, unblended);
   ASSERT_EQ(a.atlas.tile.atlas.rgb.size(), b.atlas.tile.atlas.rgb.size());
   int differing = 0;
   for (std::size_t i = 0; i < a.atlas.tile.atlas.rgb.size(); ++i)
@@ -131,11 +135,10 @@ TEST(Blend, HidesDifferencesOfExposureWithoutLosingDetail) {
   SyntheticSeafloor scene = fiveViews();
   scene.gains = {1.0, 1.15, 0.88, 1.1, 0.92};
   scene.take();
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   BlendConfig config;
-  const Result blended = textured(scene, tile, config);
+  const Result blended = textured(scene, kTile, config);
   config.mode = BlendMode::kUnblended;
-  const Result unblended = textured(scene, tile, config);
+  const Result unblended = textured(scene, kTile, config);
   EXPECT_EQ(blended.counts.outvoted, 0U);  // a gain is no reason to be left out
   EXPECT_LT(errorOf(blended.atlas, scene.paint, everywhere).rms,
             0.9 * errorOf(unblended.atlas, scene.paint, everywhere).rms);
@@ -148,10 +151,9 @@ TEST(Blend, DoesNotPaintWhatHidesASurfaceOntoIt) {
                   {{-0.2, 0.10, 0.2, 0.135}, 1.6, {20, 250, 20}}};
   scene.take();
   const Mesh ledge = plateMesh(scene.plates[0]), rod = plateMesh(scene.plates[1]);
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   BlendConfig config;
   config.vote = false;
-  const Result aware = textured(scene, tile, config, {&ledge, &rod}), blind = textured(scene, tile, config);
+  const Result aware = textured(scene, kTile, config, {&ledge, &rod}), blind = textured(scene, kTile, config);
   const auto painted = [&](const Result& result) {
     int count = 0;
     std::vector<Texel> texels;
@@ -171,18 +173,16 @@ TEST(Blend, DoesNotPaintWhatHidesASurfaceOntoIt) {
 }
 
 TEST(Blend, LeavesOutAFishThatOneOfFiveViewsSaw) {
-  SyntheticSeafloor scene = fiveViews();
-  scene.take();
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  SyntheticSeafloor scene = fiveViewsTaken();
   BlendConfig config;
-  const Result clean = textured(scene, tile, config);
+  const Result clean = textured(scene, kTile, config);
   SyntheticSeafloor with_fish = scene;
   // It swims 20 cm above the middle, where the first view is the most central one.
   with_fish.plates = {{{-0.10, -0.05, 0.10, 0.05}, 1.8, {20, 25, 40}}};
   scene.pictures[0] = with_fish.picture(0);
-  const Result voted = textured(scene, tile, config);
+  const Result voted = textured(scene, kTile, config);
   config.vote = false;
-  const Result credulous = textured(scene, tile, config);
+  const Result credulous = textured(scene, kTile, config);
   const auto fishOf = [&](const Result& result) {
     int texels = 0;
     for (std::size_t i = 0; i + 2 < result.atlas.tile.atlas.rgb.size(); i += 3)
@@ -198,20 +198,18 @@ TEST(Blend, LeavesOutAFishThatOneOfFiveViewsSaw) {
 
 // A strip across the middle of every image, filled with about the seafloor's mean.
 TEST(Blend, LeavesOutWhatMasksHide) {
-  SyntheticSeafloor scene = fiveViews();
-  scene.take();
+  SyntheticSeafloor scene = fiveViewsTaken();
   const int width = scene.camera.width, height = scene.camera.height;
   constexpr std::uint8_t kFilled = 110;
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
   for (const int reduction : {1, 2}) {
     BlendConfig config;
     config.vote = false;
     config.bands.reduction = reduction;
     const auto rmsOf = [&](bool masked) {
-      Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
+      Atlas atlas = makeAtlas(kTile, {kTexel, 4096, 4});
       const ViewIndex index(scene.views);
       TextureBlender blender(scene.camera, config);
-      (void)blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&tile.mesh},
+      (void)blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&kTile.mesh},
                           TextureBlender::BandSource([&](std::uint32_t image) {
                             const int first = width * (image % 2 == 0 ? 3 : 4) / 8;
                             RgbImage picture = scene.pictures[image];
@@ -245,29 +243,26 @@ TEST(Blend, KeepsAStrongContrastThatPosesPlaceDifferently) {
                                    scene.views[i].T_nav_cam.translation() +
                                        0.008 * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0));
   }
-  const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), {});
+  const Result result = textured(scene, kTile, {});
   EXPECT_EQ(result.counts.outvoted, 0U);
 }
 
 TEST(Blend, FillsWhatNoViewSeesFromItsNeighbours) {
-  SyntheticSeafloor scene;
-  scene.camera = sceneCamera();
-  scene.paint = [](double, double) -> std::array<double, 3> { return {120, 80, 60}; };
+  SyntheticSeafloor scene{.camera = sceneCamera(), .paint = evenPaint};
   // It reaches to about north -0.1 only.
   scene.addView(0.7, 0);
   scene.take();
-  const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), {});
+  const Result result = textured(scene, kTile, {});
   EXPECT_GT(result.counts.unseen, 1000U);
   EXPECT_LT(result.counts.unseen, result.counts.texels);
   EXPECT_LE(errorOf(result.atlas, scene.paint, everywhere).greatest, 1);
 }
 
 TEST(Blend, OfATileThatNoImageSawShowsTheVerticesColours) {
-  SyntheticSeafloor scene;
-  scene.camera = sceneCamera();
-  TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
-  tile.mesh.colours.assign(tile.mesh.vertices.size(), Rgb{10, 20, 30});
-  const Result result = textured(scene, tile, {});
+  SyntheticSeafloor scene{.camera = sceneCamera()};
+  TileMesh painted = kTile;
+  painted.mesh.colours.assign(painted.mesh.vertices.size(), Rgb{10, 20, 30});
+  const Result result = textured(scene, painted, {});
   EXPECT_EQ(result.counts.views, 0U);
   EXPECT_EQ(result.counts.unseen, result.counts.texels);
   for (std::size_t i = 0; i < result.atlas.tile.atlas.rgb.size(); ++i)
@@ -275,13 +270,11 @@ TEST(Blend, OfATileThatNoImageSawShowsTheVerticesColours) {
 }
 
 TEST(Blend, PassesOverImagesThatCannotBeHad) {
-  SyntheticSeafloor scene = fiveViews();
-  scene.take();
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
-  Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
+  SyntheticSeafloor scene = fiveViewsTaken();
+  Atlas atlas = makeAtlas(kTile, {kTexel, 4096, 4});
   const ViewIndex index(scene.views);
   TextureBlender blender(scene.camera, {});
-  const auto counts = blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&tile.mesh},
+  const auto counts = blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&kTile.mesh},
                                     TextureBlender::ImageSource([&](std::uint32_t image) -> const RgbImage* {
                                       return image == 1 ? nullptr : &scene.pictures[image];
                                     }));
@@ -290,41 +283,81 @@ TEST(Blend, PassesOverImagesThatCannotBeHad) {
 }
 
 TEST(Blend, TakesImagesReducedToLargerTexels) {
-  SyntheticSeafloor scene = fiveViews();
-  scene.take();
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  SyntheticSeafloor scene = fiveViewsTaken();
   BlendConfig config;
   config.bands.reduction = 2;
-  const Result result = textured(scene, tile, config);
+  const Result result = textured(scene, kTile, config);
   EXPECT_EQ(result.counts.unseen, 0U);
   EXPECT_LT(errorOf(result.atlas, scene.paint, everywhere).rms, 12);
 }
 
 TEST(Blend, BoundsTheViewsOfAPlaceThatWasPassedManyTimes) {
-  SyntheticSeafloor scene;
-  scene.camera = sceneCamera();
-  scene.paint = [](double, double) -> std::array<double, 3> { return {120, 80, 60}; };
+  SyntheticSeafloor scene{.camera = sceneCamera(), .paint = evenPaint};
   for (int i = 0; i < 60; ++i) scene.addView(0.001 * i, 0.0005 * i);
   scene.pictures.assign(60, scene.picture(0));
-  const Result result = textured(scene, flatTile(kLow, kHigh, scene.depth, 0.05), {});
+  const Result result = textured(scene, kTile, {});
   EXPECT_LE(result.counts.views, 36U);  // twelve at each of a few places
   EXPECT_EQ(result.counts.unseen, 0U);
 }
 
 TEST(Blend, DoesNotChangeFromOneCallToTheNext) {
-  SyntheticSeafloor scene = fiveViews();
-  scene.take();
-  const TileMesh tile = flatTile(kLow, kHigh, scene.depth, 0.05);
+  SyntheticSeafloor scene = fiveViewsTaken();
   const ViewIndex index(scene.views);
   TextureBlender blender(scene.camera, {});
   const auto texture = [&] {
-    Atlas atlas = makeAtlas(tile, {kTexel, 4096, 4});
-    blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&tile.mesh},
+    Atlas atlas = makeAtlas(kTile, {kTexel, 4096, 4});
+    blender.blend(atlas, index, index.meeting({kLow, kLow, kHigh, kHigh}), {&kTile.mesh},
                   TextureBlender::ImageSource([&](std::uint32_t image) { return &scene.pictures[image]; }));
     return atlas.tile.atlas.rgb;
   };
   const auto first = texture();
   EXPECT_EQ(first, texture());
+}
+
+std::vector<View> scattered(std::size_t count) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> place(-40, 40), size(0.1, 3);
+  std::vector<View> views(count);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const double north = place(random), east = place(random);
+    views[i].image = 100 + i;
+    views[i].footprint = {north, east, north + size(random), east + size(random)};
+  }
+  return views;
+}
+
+TEST(ViewIndex, FindsExactlyTheViewsWhoseFootprintsMeetTheBox) {
+  for (const std::size_t count : {1U, 8U, 9U, 500U}) {
+    const ViewIndex index(scattered(count));
+    for (int k = 0; k < 50; ++k) {
+      const std::array<double, 4> box{-40.0 + k, 30.0 - k, -38.0 + 1.5 * k, 34.0 - k};
+      std::vector<std::uint32_t> expected;
+      for (std::uint32_t i = 0; i < count; ++i) {
+        const auto& f = index.views()[i].footprint;
+        if (f[0] <= box[2] && box[0] <= f[2] && f[1] <= box[3] && box[1] <= f[3]) expected.push_back(i);
+      }
+      EXPECT_EQ(index.meeting(box), expected);
+    }
+  }
+}
+
+TEST(ViewIndex, OfNothingFindsNothing) {
+  EXPECT_TRUE(ViewIndex({}).meeting({-1, -1, 1, 1}).empty());
+}
+
+TEST(ViewIndex, PassesOverFootprintsThatAreNotFinite) {
+  std::vector<View> views(3);
+  views[0].footprint = {0, 0, 1, 1};
+  views[1].footprint = {0, std::numeric_limits<double>::quiet_NaN(), 1, 1};
+  views[2].footprint = {1, 1, 0, 0};
+  EXPECT_EQ(ViewIndex(views).meeting({-5, -5, 5, 5}), std::vector<std::uint32_t>{0});
+}
+
+TEST(ViewIndex, FindsManyViewsOfTheSamePlace) {
+  std::vector<View> views(100);
+  for (View& view : views) view.footprint = {0, 0, 1, 1};
+  EXPECT_EQ(ViewIndex(views).meeting({0.5, 0.5, 0.6, 0.6}).size(), 100U);
+  EXPECT_TRUE(ViewIndex(views).meeting({1.5, 0.5, 1.6, 0.6}).empty());
 }
 
 }  // namespace

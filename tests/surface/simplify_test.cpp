@@ -3,27 +3,17 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 
 #include "recon/surface/atlas.hpp"
 #include "recon/surface/surface_error.hpp"
 #include "tests/surface/mesh_checks.hpp"
-#include "tests/surface/synthetic_tiles.hpp"
+#include "tests/world/ground.hpp"
+#include "tests/world/tiles.hpp"
 
 namespace fathom::surface {
 namespace {
 
-using test::syntheticTile;
-using test::topologyOf;
-
-double areaOf(const Mesh& mesh) {
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles)
-    area +=
-        0.5 * static_cast<double>(
-                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
-  return area;
-}
+using test::areaOf, test::syntheticTile, test::topologyOf;
 
 // Segments of the mesh's border with both ends shared by one side, by position.
 std::set<std::array<float, 6>> sharedChain(const TileMesh& tile) {

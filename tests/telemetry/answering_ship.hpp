@@ -1,9 +1,6 @@
 #pragma once
 
-#include <array>
-#include <cmath>
 #include <map>
-#include <random>
 #include <set>
 
 #include "realtime/base/units.hpp"
@@ -16,11 +13,11 @@
 namespace fathom::telemetry {
 
 // Of tests with an answering ship.
-inline LinkSchedulerConfig someConfig() {
+inline LinkSchedulerConfig someConfig(int frame_bytes = 64, double rate_bps = 2000) {
   LinkSchedulerConfig config;
   config.identity = kOurs;
-  config.rate_bps = 2000;
-  config.frame_bytes = 64;
+  config.rate_bps = rate_bps;
+  config.frame_bytes = frame_bytes;
   config.max_delay_s = 0.2;
   config.colour_bits = 0;
   config.blocks.coarse_spacing = config.blocks.spacing;

@@ -2,13 +2,9 @@
 // none is taken, and no true one waits for it.
 #include <gtest/gtest.h>
 
-#include <array>
 #include <random>
-#include <set>
-#include <vector>
 
 #include "realtime/base/bytes/crc32.hpp"
-#include "realtime/base/units.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "tests/telemetry/sample_frames.hpp"
@@ -105,14 +101,8 @@ TEST(Attack, OfAMillionFalseFramesNoneIsObeyedAndNoTrueFrameWaits) {
   std::vector<Bytes> said;
   std::int64_t now_ns = kStart_ns;
   const auto frameOf = [&](DownlinkSender& from, std::uint16_t newest) {
-    Acknowledgement a;
-    a.valid = true;
-    a.newest = newest;
-    from.acknowledge(a);
-    Request request;
-    request.kind = Request::Kind::kRate;
-    request.rate_bps = 100 + 10 * (newest % 50);
-    (void)from.request(request);
+    from.acknowledge(Acknowledgement{.valid = true, .newest = newest, .before = {}});
+    (void)from.request(Request{.kind = Request::Kind::kRate, .rate_bps = 100.0 + 10 * (newest % 50)});
     Bytes out(kMinFrameBytes);
     out.resize(from.nextFrame(now_ns, out));
     return out;

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <array>
-#include <cmath>
 
 namespace fathom::telemetry {
 namespace {
@@ -18,16 +17,14 @@ UsblFixMessage someFix() {
 }
 
 Request someDetail() {
-  Request request;
-  request.kind = Request::Kind::kDetail;
-  request.id = 11;
-  request.north_min = -120.4;
-  request.north_max = -100.2;
-  request.east_min = 33.3;
-  request.east_max = 63.0;
-  request.spacing = 1.0 / 16;
-  request.max_error = 0.02;
-  return request;
+  return Request{.kind = Request::Kind::kDetail,
+                 .id = 11,
+                 .north_min = -120.4,
+                 .north_max = -100.2,
+                 .east_min = 33.3,
+                 .east_max = 63.0,
+                 .spacing = 1.0 / 16,
+                 .max_error = 0.02};
 }
 
 DecodedDownlink roundTrip(const DownlinkContent& content, std::size_t room = kSmallest) {
@@ -80,9 +77,7 @@ TEST(DownlinkMessages, EveryRequestFitsTheSmallestFrameAndComesBack) {
   EXPECT_EQ(detail->spacing, 1.0 / 16);
   EXPECT_NEAR(detail->max_error, 0.02, 1e-9);
   for (std::size_t kind = 1; kind < kRequestKinds; ++kind) {
-    Request request;
-    request.kind = static_cast<Request::Kind>(kind);
-    request.rate_bps = 300;
+    Request request{.kind = static_cast<Request::Kind>(kind), .rate_bps = 300};
     const auto back = roundTrip({{}, request, {}}).content.request;
     ASSERT_TRUE(back) << kind;
     EXPECT_EQ(back->kind, request.kind);
@@ -123,8 +118,7 @@ TEST(DownlinkMessages, TheLargestRequestSurvivesItsOwnRounding) {
 }
 
 TEST(DownlinkMessages, AnAcknowledgementSpeaksOfAsManyFramesAsItsFrameHoldsAndOfNoOthers) {
-  Acknowledgement sent;
-  sent.valid = true;
+  Acknowledgement sent{.valid = true, .before = {}};
   sent.newest = 5;  // the frames before it are beyond the wrap
   sent.reach = Acknowledgement::kMaxReach;
   for (std::size_t i = 0; i < sent.reach; i += 3) sent.before.set(i);
@@ -146,10 +140,7 @@ TEST(DownlinkMessages, AnAcknowledgementSaysHowManyFramesLackBeforeThoseItLists)
   for (const std::uint16_t lacking :
        {std::uint16_t{8}, std::uint16_t{200}, std::uint16_t{0xFFFE}, Acknowledgement::kAll})
     for (std::size_t reach = 0; reach < 40; ++reach) {
-      Acknowledgement sent;
-      sent.valid = true;
-      sent.newest = 1000;
-      sent.reach = reach;
+      Acknowledgement sent{.valid = true, .newest = 1000, .reach = reach, .before = {}};
       for (std::size_t i = 0; i < reach; i += 3) sent.before.set(i);
       sent.lacking = lacking;
       const auto got = roundTrip({{}, {}, sent}).content.acknowledgement;
@@ -160,9 +151,7 @@ TEST(DownlinkMessages, AnAcknowledgementSaysHowManyFramesLackBeforeThoseItLists)
 }
 
 TEST(DownlinkMessages, OneFrameMayCarryAllThree) {
-  Acknowledgement sent;
-  sent.valid = true;
-  sent.newest = 700;
+  Acknowledgement sent{.valid = true, .newest = 700, .before = {}};
   const DecodedDownlink decoded = roundTrip({someFix(), someDetail(), sent}, 54);
   EXPECT_TRUE(decoded.content.fix);
   EXPECT_TRUE(decoded.content.request);
@@ -171,8 +160,7 @@ TEST(DownlinkMessages, OneFrameMayCarryAllThree) {
 }
 
 TEST(DownlinkMessages, AnAcknowledgementWithoutRoomIsLeftOutOfAFrameWithSomethingElse) {
-  Acknowledgement sent;
-  sent.valid = true;
+  Acknowledgement sent{.valid = true, .before = {}};
   const DecodedDownlink decoded = roundTrip({someFix(), {}, sent});
   EXPECT_TRUE(decoded.content.fix);
   EXPECT_FALSE(decoded.content.acknowledgement);

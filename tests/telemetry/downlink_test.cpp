@@ -1,11 +1,8 @@
 #include "telemetry/downlink/downlink.hpp"
-#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <random>
-#include <vector>
 
 #include "tests/telemetry/sample_frames.hpp"
 
@@ -19,18 +16,13 @@ Bytes frameOf(DownlinkSender& sender, std::int64_t utc_ns) {
 }
 
 Acknowledgement acknowledgementOf(std::uint16_t newest) {
-  Acknowledgement a;
-  a.valid = true;
-  a.newest = newest;
-  a.reach = Acknowledgement::kMaxReach;
+  Acknowledgement a{.valid = true, .newest = newest, .reach = Acknowledgement::kMaxReach, .before = {}};
   a.before.set();
   return a;
 }
 
 Request requestOf(Request::Kind kind) {
-  Request r;
-  r.kind = kind;
-  r.rate_bps = 300;
+  Request r{.kind = kind, .rate_bps = 300};
   r.north_max = r.east_max = 4;
   return r;
 }
@@ -172,9 +164,7 @@ TEST_F(Downlink, AFrameSignedForAnotherDiveDoesNotPassUnderThisOnesName) {
   DownlinkSender sender({7, 1235}, keyOf(1));
   (void)sender.request(requestOf(Request::Kind::kPauseMap));
   const Bytes frame = frameOf(sender, kStart_ns + kSecond_ns);
-  FrameHeader header;
-  header.identity = kOurs;
-  header.type = MessageType::kDownlink;
+  FrameHeader header{.identity = kOurs, .type = MessageType::kDownlink};
   EXPECT_EQ(vehicle.accept(kStart_ns, frameWith(header, decodeFrame(frame).payload)).verdict,
             DownlinkVerdict::kBadSignature);
 }
@@ -267,9 +257,7 @@ TEST_F(Downlink, NoiseAndUplinkFramesAreCountedAndNothingElse) {
     for (std::uint8_t& b : noise) b = static_cast<std::uint8_t>(random());
     EXPECT_EQ(vehicle.accept(kStart_ns, noise).verdict, DownlinkVerdict::kBadFrame);
   }
-  FrameHeader header;
-  header.identity = kOurs;
-  header.type = MessageType::kStatus;
+  FrameHeader header{.identity = kOurs, .type = MessageType::kStatus};
   EXPECT_EQ(vehicle.accept(kStart_ns, frameWith(header, Bytes(22, 1))).verdict, DownlinkVerdict::kBadFrame);
   // Downlink frames whose payload is noise, of every length.
   header.type = MessageType::kDownlink;

@@ -1,21 +1,8 @@
 // The scheduler with a ship that answers.
 #include <gtest/gtest.h>
 
-#include <array>
-#include <bit>
-#include <cmath>
-#include <map>
-#include <random>
-#include <set>
-#include <vector>
-
-#include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/heap_counter.hpp"
-#include "telemetry/map/map_packet.hpp"
-#include "telemetry/ship/link_receiver.hpp"
-#include "telemetry/vehicle/link_scheduler.hpp"
 #include "tests/telemetry/answering_ship.hpp"
-#include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {
 namespace {
@@ -46,8 +33,7 @@ HeightTile pillars(std::int32_t north) {
 TEST(LinkFeedback, NoNodeIsShownWorseThanTheErrorWhereTheGroundIsTooRoughForAFrame) {
   for (const bool answers : {true, false}) {
     for (const int colour_bits : {0, 3}) {
-      LinkSchedulerConfig config = someConfig();
-      config.frame_bytes = 32;
+      LinkSchedulerConfig config = someConfig(32);
       config.colour_bits = colour_bits;
       LinkScheduler scheduler(config);
       Ship ship;
@@ -76,9 +62,7 @@ TEST(LinkFeedback, NoNodeIsShownWorseThanTheErrorWhereTheGroundIsTooRoughForAFra
 }
 
 TEST(LinkFeedback, ABlockThatFitsAgainIsSentWhole) {
-  LinkSchedulerConfig config = someConfig();
-  config.frame_bytes = 32;
-  LinkScheduler scheduler(config);
+  LinkScheduler scheduler(someConfig(32));
   Ship ship;
   scheduler.offer(pillars(0), ship.now);
   ship.converse(scheduler, 200, 0);
@@ -107,9 +91,7 @@ TEST(LinkFeedback, OnlyWhatChangedBeyondItsBoundIsSentAgain) {
 }
 
 TEST(LinkFeedback, SurvivesTheWrapOfTheSequenceNumbers) {
-  LinkSchedulerConfig config = someConfig();
-  config.rate_bps = 100000;
-  config.frame_bytes = 32;
+  LinkSchedulerConfig config = someConfig(32, 100000);
   config.housekeeping.share = 1;
   config.housekeeping.status_period_s = 0.1;
   LinkScheduler scheduler(config);
@@ -151,8 +133,7 @@ TEST(LinkFeedback, AShipThatHasLostItsFileGetsAgainWhatItHadAcknowledged) {
   ASSERT_TRUE(scheduler.drained());
   ship.receiver = LinkReceiver();
   ship.map.clear();
-  Status status;
-  status.utc_ns = ship.now;
+  Status status{.utc_ns = ship.now};
   scheduler.setStatus(status);  // something to receive
   ship.converse(scheduler, 300, 0.1);
   for (int n = 0; n < 8; ++n) EXPECT_LE(ship.error(sampleTile(n, 0)), 0.0501) << n;
@@ -160,9 +141,7 @@ TEST(LinkFeedback, AShipThatHasLostItsFileGetsAgainWhatItHadAcknowledged) {
 }
 
 TEST(LinkFeedback, AShipThatComesAfterHoursAndNeverAnswersGetsAllInTheEnd) {
-  LinkSchedulerConfig config = someConfig();
-  config.frame_bytes = 32;
-  LinkScheduler scheduler(config);
+  LinkScheduler scheduler(someConfig(32));
   Ship nobody, ship;
   constexpr int kTiles = 60;  // more frames than the vehicle remembers
   for (int n = 0; n < kTiles; ++n) scheduler.offer(sampleTile(n, 0), nobody.now);
@@ -233,10 +212,10 @@ TEST(LinkFeedback, AcknowledgementsOfFramesNeverSentChangeNothing) {
   EXPECT_GT(in_flight, 0);
   std::mt19937 random(2);
   for (int n = 0; n < 1000; ++n) {
-    Acknowledgement a;
-    a.valid = true;
-    a.newest = static_cast<std::uint16_t>(frames + 10 + random() % 60000);
-    a.reach = random() % (Acknowledgement::kMaxReach + 1);
+    Acknowledgement a{.valid = true,
+                      .newest = static_cast<std::uint16_t>(frames + 10 + random() % 60000),
+                      .reach = random() % (Acknowledgement::kMaxReach + 1),
+                      .before = {}};
     for (std::size_t i = 0; i < a.reach; ++i) a.before[i] = random() % 2 == 0;
     scheduler.acknowledge(a, now);
   }
@@ -247,8 +226,7 @@ TEST(LinkFeedback, AcknowledgementsOfFramesNeverSentChangeNothing) {
 TEST(LinkFeedback, PauseRateAndStatusRequestsChangeWhatIsSent) {
   LinkScheduler scheduler(someConfig());
   Ship ship;
-  Request request;
-  request.kind = Request::Kind::kPauseMap;
+  Request request{.kind = Request::Kind::kPauseMap};
   scheduler.request(request, ship.now);
   scheduler.offer(sampleTile(0, 0), ship.now);
   scheduler.setStatus({});

@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "realtime/base/units.hpp"
 #include "tests/telemetry/answering_ship.hpp"
 
 namespace fathom::telemetry {
@@ -15,13 +14,9 @@ namespace {
 
 TEST(LinkRequests, RequestedDetailIsDoneWhenTheShipHasAllOfItThoughFramesAreLost) {
   for (const double rate : {300.0, 5000.0}) {
-    LinkSchedulerConfig config = someConfig();
-    config.rate_bps = rate;
-    LinkScheduler scheduler(config);
+    LinkScheduler scheduler(someConfig(64, rate));
     Ship ship;
-    Request request;
-    request.kind = Request::Kind::kDetail;
-    request.id = 5;
+    Request request{.kind = Request::Kind::kDetail, .id = 5};
     request.north_max = request.east_max = 2;
     request.spacing = 0.125;
     request.max_error = 0.02;
@@ -48,15 +43,11 @@ TEST(LinkRequests, RequestedDetailIsDoneWhenTheShipHasAllOfItThoughFramesAreLost
 }
 
 TEST(LinkRequests, TheTrackHasNoGapsAfterAnHourInWhichTheShipWasOffAndThoughItLosesWhatItHeld) {
-  LinkSchedulerConfig config = someConfig();
-  config.frame_bytes = 128;
-  LinkScheduler scheduler(config);
+  LinkScheduler scheduler(someConfig(128));
   Ship ship;
   const auto dive = [&](double seconds, double loss, bool answers) {
     for (int k = 0; k < seconds / 5; ++k) {
-      Status status;
-      status.utc_ns = ship.now;
-      status.north = static_cast<double>(ship.now - kStart_ns) * 0.4e-9;
+      Status status{.utc_ns = ship.now, .north = static_cast<double>(ship.now - kStart_ns) * 0.4e-9};
       status.east = 10 * std::sin(status.north / 30);
       scheduler.setStatus(status);
       ship.converse(scheduler, 5, loss, answers);
@@ -96,9 +87,7 @@ TEST(LinkRequests, NewsOvertakeAnyBacklog) {
   for (const int frame_bytes : {32, 64, 128, 256})
     for (const double rate : {80.0, 300.0, 1200.0, 5400.0})
       for (const double loss : {0.0, 0.3}) {
-        LinkSchedulerConfig config = someConfig();
-        config.frame_bytes = frame_bytes;
-        config.rate_bps = rate;
+        LinkSchedulerConfig config = someConfig(frame_bytes, rate);
         config.max_delay_s = 1;
         LinkScheduler scheduler(config);
         Ship ship;
@@ -143,8 +132,7 @@ TEST(LinkRequests, NewsOvertakeAnyBacklog) {
 // The vehicle's program is behind the clock, now more, now less. Answers that arrive while it sends are lost.
 TEST(LinkRequests, AnswersFindTheVehicleListeningHoweverFarItsProgramIsBehind) {
   for (const bool departures_known : {false, true}) {
-    LinkSchedulerConfig config = someConfig();
-    config.rate_bps = 600;
+    LinkSchedulerConfig config = someConfig(64, 600);
     config.max_delay_s = 1;
     LinkScheduler scheduler(config);
     LinkReceiver receiver;
@@ -200,8 +188,7 @@ TEST(LinkRequests, AnswersFindTheVehicleListeningHoweverFarItsProgramIsBehind) {
 TEST(LinkRequests, APauseEndsAndTheConfiguredRateHoldsAgainWhenNobodyHasSpokenForTenMinutes) {
   LinkScheduler scheduler(someConfig());
   Ship ship;
-  Request request;
-  request.kind = Request::Kind::kPauseMap;
+  Request request{.kind = Request::Kind::kPauseMap};
   scheduler.request(request, ship.now);
   request.kind = Request::Kind::kRate;
   request.rate_bps = 80;
@@ -223,10 +210,7 @@ TEST(LinkRequests, ARateAtWhichNothingArrivesIsGivenUp) {
   Ship ship;
   scheduler.offer(sampleTile(0, 0), ship.now);
   ship.converse(scheduler, 60, 0);
-  Request request;
-  request.kind = Request::Kind::kRate;
-  request.rate_bps = 9000;
-  scheduler.request(request, ship.now);
+  scheduler.request(Request{.kind = Request::Kind::kRate, .rate_bps = 9000}, ship.now);
   const Acknowledgement before = ship.receiver.acknowledgement();
   for (int k = 0; k < 12; ++k) {
     EXPECT_EQ(scheduler.counters().rate_bps, k < 11 ? 9000 : someConfig().rate_bps) << k;

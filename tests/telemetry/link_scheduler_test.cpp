@@ -1,18 +1,12 @@
 #include "telemetry/vehicle/link_scheduler.hpp"
-#include "realtime/base/units.hpp"
 
 #include <gtest/gtest.h>
 
-#include <array>
-#include <cmath>
 #include <map>
-#include <random>
 #include <set>
-#include <vector>
 
-#include "telemetry/tiles/tile_fragments.hpp"
-#include "telemetry/wire/bundle.hpp"
-#include "telemetry/wire/track.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 #include "tests/telemetry/sample_frames.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
@@ -26,18 +20,14 @@ struct Sent {
 };
 
 LinkSchedulerConfig uplinkOnlyConfig() {
-  LinkSchedulerConfig config;
-  config.identity = kOurs;
-  config.half_duplex = false;
-  return config;
+  LinkSchedulerConfig made;
+  made.identity = kOurs;
+  made.half_duplex = false;
+  return made;
 }
 
 Status statusAt(std::int64_t now_ns) {
-  Status status;
-  status.utc_ns = now_ns;
-  status.north = 0.5 * static_cast<double>(now_ns - kStart_ns) / 1e9;
-  status.depth = 30;
-  return status;
+  return Status{.utc_ns = now_ns, .north = 0.5 * static_cast<double>(now_ns - kStart_ns) / 1e9, .depth = 30};
 }
 
 // Runs the scheduler for `seconds` in steps of `step_s`, with a status every step and `each_step` called

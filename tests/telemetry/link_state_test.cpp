@@ -1,11 +1,6 @@
 // A link that was saved and loaded continues with the frames that would have been sent.
 #include <gtest/gtest.h>
 
-#include <array>
-#include <cmath>
-#include <memory>
-
-#include "realtime/base/units.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/ship/link_receiver.hpp"
 #include "telemetry/vehicle/link_scheduler.hpp"
@@ -51,15 +46,10 @@ std::vector<std::uint8_t> dive(const LinkSchedulerConfig& c, const std::vector<i
     const std::int64_t now = kStart_ns + t * kSecond_ns;
     for (const int at : restarts)
       if (at == t) restart(scheduler, c);
-    Status status;
-    status.utc_ns = now;
-    status.north = 0.5 * t;
-    scheduler->setStatus(status);
+    scheduler->setStatus(Status{.utc_ns = now, .north = 0.5 * t});
     if (t < 400) scheduler->offer(sampleTile(t / 7, 3), now);
     if (t == 100 || t == 350) {
-      Request request;
-      request.kind = t == 100 ? Request::Kind::kRate : Request::Kind::kDetail;
-      request.rate_bps = 640;
+      Request request{.kind = t == 100 ? Request::Kind::kRate : Request::Kind::kDetail, .rate_bps = 640};
       request.north_max = request.east_max = 8;
       scheduler->request(request, now);
     }
@@ -143,9 +133,7 @@ TEST(LinkState, DamageIsRefusedOrDoesNoHarm) {
     }
     other.offer(sampleTile(3, 3), kStart_ns + 101 * kSecond_ns);
     for (int k = 0; k < 4; ++k) (void)other.nextFrame(kStart_ns + (101 + 5 * k) * kSecond_ns, frame);
-    Acknowledgement acknowledgement;
-    acknowledgement.valid = true;
-    acknowledgement.newest = 5;
+    Acknowledgement acknowledgement{.valid = true, .newest = 5, .before = {}};
     other.acknowledge(acknowledgement, kStart_ns + 130 * kSecond_ns);
   });
   EXPECT_GT(refused, 0);
@@ -165,8 +153,7 @@ TEST(DownlinkState, WhatWasAdmittedBeforeTheRestartStaysOld) {
   const std::array<std::uint8_t, LinkKey::kBytes> secret{1, 2, 3};
   const LinkKey key{secret};
   DownlinkSender ship(kOurs, key);
-  Request request;
-  request.kind = Request::Kind::kDetail;
+  Request request{.kind = Request::Kind::kDetail};
   request.north_max = request.east_max = 5;
   ASSERT_TRUE(ship.request(request));
   std::array<std::uint8_t, kMaxFrameBytes> frame;

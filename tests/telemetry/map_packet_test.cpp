@@ -19,10 +19,7 @@ std::vector<MapBlock> rubble(int side, double rough = 0.05, std::int32_t north =
   std::vector<MapBlock> blocks;
   for (int r = 0; r < side; ++r) {
     for (int c = 0; c < side; ++c) {
-      MapBlock block;
-      block.key = {spacing, north + r, east + c};
-      block.seen = 0xFFFF;
-      block.sigma = 0.02F;
+      MapBlock block{.key = {spacing, north + r, east + c}, .seen = 0xFFFF, .sigma = 0.02F};
       for (int n = 0; n < MapBlock::kNodes; ++n) {
         const double x = (4 * r + n / 4) * 0.25, y = (4 * c + n % 4) * 0.25;
         block.depth[static_cast<std::size_t>(n)] =

@@ -1,17 +1,11 @@
 #include <gtest/gtest.h>
 
-#include <array>
-#include <cmath>
-#include <numbers>
 #include <random>
 #include <set>
-#include <string>
 
 #include "realtime/base/units.hpp"
 #include "telemetry/wire/frame.hpp"
-#include "telemetry/wire/mission_info.hpp"
-#include "telemetry/wire/status.hpp"
-#include "telemetry/wire/track.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 #include "tests/telemetry/sample_frames.hpp"
 
 namespace fathom::telemetry {

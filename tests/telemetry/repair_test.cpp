@@ -1,14 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <map>
 #include <random>
-#include <set>
-#include <vector>
 
-#include "telemetry/repair/repair_decoder.hpp"
-#include "telemetry/repair/repair_encoder.hpp"
+#include "telemetry/repair/repair.hpp"
 #include "tests/telemetry/sample_frames.hpp"
 
 namespace fathom::telemetry {

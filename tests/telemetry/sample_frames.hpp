@@ -1,8 +1,5 @@
 #pragma once
 
-#include <array>
-#include <cstdint>
-#include <span>
 #include <vector>
 
 #include "realtime/base/units.hpp"

@@ -12,12 +12,7 @@ namespace fathom::telemetry {
 // heights are continuous over tile borders apart from the noise. `seen`: share of the tile that is covered.
 inline HeightTile sampleTile(std::int32_t north, std::int32_t east, double size = 4.0, double seen = 1.0,
                              unsigned seed = 1, std::uint32_t revision = 1) {
-  HeightTile tile;
-  tile.north_index = north;
-  tile.east_index = east;
-  tile.level = 3;
-  tile.size = size;
-  tile.revision = revision;
+  HeightTile tile{.north_index = north, .east_index = east, .level = 3, .size = size, .revision = revision};
   std::mt19937 random(seed * 7919U + static_cast<unsigned>(north * 131 + east));
   std::normal_distribution<double> noise(0, 0.01);
   for (int i = 0; i < HeightTile::kSide; ++i) {

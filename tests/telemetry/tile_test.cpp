@@ -1,121 +1,97 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "telemetry/tiles/tile_codec.hpp"
-#include "telemetry/tiles/tile_fragments.hpp"
+#include "telemetry/wire/field.hpp"
 #include "tests/telemetry/sample_tile.hpp"
 
 namespace fathom::telemetry {
 namespace {
 
-std::vector<std::uint8_t> encoded(const HeightTile& tile, int stride, const TileCodecConfig& config = {}) {
-  std::vector<std::uint8_t> out(kMaxTileBytes);
-  out.resize(encodeTile(tile, stride, config, out));
-  return out;
+// A tile as a vehicle of an earlier version sent it: every stride-th node of `sent`, depths in steps of 2 cm.
+struct RecordedTile {
+  HeightTile sent;
+  int stride, colour_bits;
+  const char* hex;
+  [[nodiscard]] std::vector<std::uint8_t> bytes() const {
+    std::vector<std::uint8_t> out;
+    for (const char* digits = hex; *digits != 0; digits += 2)
+      out.push_back(static_cast<std::uint8_t>(std::stoi(std::string(digits, 2), nullptr, 16)));
+    return out;
+  }
+};
+
+// Depths from -5 to 595 m, of nodes without any order.
+HeightTile scatteredTile() {
+  HeightTile tile = sampleTile(0, 0);
+  for (int k = 0; k < HeightTile::kNodes; ++k) {
+    HeightTile::Node& node = tile.nodes[static_cast<std::size_t>(k)];
+    node.coverage = k * k / 7 % 3 == 0 ? 1.0F : 0.0F;
+    node.depth = static_cast<float>(-5 + k * 37 % 6000 / 10.0);
+  }
+  return tile;
 }
 
-void expectSame(const HeightTile& sent, const DecodedTile& got, int stride, const TileCodecConfig& config) {
-  EXPECT_EQ(got.stride, stride);
-  EXPECT_DOUBLE_EQ(got.tile.size, sent.size);
+// Whole ones, one whose unseen nodes are given as runs, and one where they are given node by node.
+std::vector<RecordedTile> recordedTiles() {
+  return {
+      {sampleTile(0, 0), 2, 3,
+       "00f9f413670001f0c0240001071fcd1e0d0be109c901c50231019501fc3101340364079834640734073403340b340334"
+       "67eca0bb569b762bea5dd4332e50c2154b718032fe1cce964c78d95296f95368562115575c3a13c03ad74df64c5de642"
+       "e39294c42660c74020f9cc2ae86b9e5202eb827b86687316c35e4f0149a944159420c4721dfedb2c9726605af379364c"
+       "a1bbf8ea937b5f80"},
+      {sampleTile(0, 0), 8, 6,
+       "00f9fc13c70001f4408b0000070f390e5515751c04615f3a8d801b4606000a12f4e014b210c8083405a805017140e4d8"
+       "01"},
+      {sampleTile(0, 0, 4.0, 0.6), 4, 1,
+       "00f9f813270001f2308119801600010616212e03e101d502d50207f0d50203c503f023e1011060568907728923ad83da"
+       "29cf65d9135e"},
+      {scatteredTile(), 1, 0,
+       "00f9f013077fff831c909093e49f24f92121274849be48527c824f9f24249091093e9f244f922127e4849e4840a07301"
+       "06853484ffffffffd784e37d0c0d0effffffffffffffffffffff87e509050dffffffffffffffffffffff8715022103ff"
+       "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff5384e30d"
+       "01ffffffffffffffffffffa384e39101ffffffffffc39101ffffffffffc384ffffffffffc39d0231268d553ae6bf37c7"
+       "967ed3d13c9eee065a9c02fdbb75be87e3a03a03258a9c52fe55e945012d7c6f8057ef21657d188086"},
+  };
+}
+
+void expectSame(const RecordedTile& recorded, const DecodedTile& got) {
+  EXPECT_EQ(got.stride, recorded.stride);
+  EXPECT_EQ(got.colour_bits, recorded.colour_bits);
+  EXPECT_DOUBLE_EQ(got.depth_resolution, 0.02);
+  EXPECT_DOUBLE_EQ(got.tile.size, recorded.sent.size);
   for (int i = 0; i < HeightTile::kSide; ++i) {
     for (int j = 0; j < HeightTile::kSide; ++j) {
-      const bool on_lattice = i % stride == 0 && j % stride == 0;
-      const HeightTile::Node &a = sent.at(i, j), &b = got.tile.at(i, j);
+      const bool on_lattice = i % got.stride == 0 && j % got.stride == 0;
+      const HeightTile::Node &a = recorded.sent.at(i, j), &b = got.tile.at(i, j);
       ASSERT_EQ(b.coverage > 0, on_lattice && a.coverage > 0) << i << " " << j;
       if (b.coverage <= 0) continue;
-      ASSERT_NEAR(a.depth, b.depth, config.depth_resolution / 2 + 1e-4);
-      if (config.colour_bits == 0) continue;
+      ASSERT_NEAR(a.depth, b.depth, 0.01 + 1e-4);
+      ASSERT_NEAR(std::log2(static_cast<double>(b.sigma) / 0.012), 0, 0.13);
+      if (got.colour_bits == 0) continue;
       // Half a step of luma and a quarter of each of two chromas.
-      const double step = 255.0 / ((1 << config.colour_bits) - 1);
+      const double step = 255.0 / ((1 << got.colour_bits) - 1);
       for (std::size_t c = 0; c < 3; ++c) ASSERT_NEAR(a.colour[c], b.colour[c], step + 1);
     }
   }
 }
 
-TEST(TileCodec, RoundTripsEveryStrideColourAndCoverage) {
-  for (const int stride : {1, 2, 4, 8}) {
-    for (const int bits : {0, 1, 3, 6}) {
-      for (const double seen : {1.0, 0.6, 0.1}) {
-        TileCodecConfig config;
-        config.colour_bits = bits;
-        const HeightTile tile = sampleTile(-3, 5, 4.0, seen);
-        const auto bytes = encoded(tile, stride, config);
-        ASSERT_GT(bytes.size(), 0U);
-        DecodedTile got;
-        ASSERT_TRUE(decodeTile(bytes, got));
-        expectSame(tile, got, stride, config);
-      }
-    }
-  }
-}
-
-TEST(TileCodec, KeepsAnyPatternOfNodesAndExtremeDepths) {
-  std::mt19937 random(8);
-  for (int round = 0; round < 300; ++round) {
-    HeightTile tile = sampleTile(0, 0);
-    const unsigned density = random() % 11;
-    for (auto& node : tile.nodes) {
-      node.coverage = random() % 10 < density ? 1.0F : 0.0F;
-      node.depth = static_cast<float>(-5 + static_cast<double>(random() % 6000) / 10);
-    }
-    TileCodecConfig config;
-    config.colour_bits = 0;
-    const auto bytes = encoded(tile, 1, config);
-    const bool any =
-        std::any_of(tile.nodes.begin(), tile.nodes.end(), [](const auto& n) { return n.coverage > 0; });
-    ASSERT_EQ(bytes.size() > 0, any);
+TEST(TileCodec, ReadsRecordedTilesOfEveryStrideColourAndMask) {
+  for (const RecordedTile& recorded : recordedTiles()) {
     DecodedTile got;
-    if (!any) continue;
-    ASSERT_TRUE(decodeTile(bytes, got));
-    expectSame(tile, got, 1, config);
+    ASSERT_TRUE(decodeTile(recorded.bytes(), got));
+    expectSame(recorded, got);
   }
-}
-
-TEST(TileCodec, SharedNodesOfNeighboursDecodeToTheSameDepth) {
-  HeightTile south = sampleTile(0, 0), north = sampleTile(1, 0);
-  for (int j = 0; j < HeightTile::kSide; ++j) south.at(HeightTile::kCells, j) = north.at(0, j);
-  DecodedTile a, b;
-  ASSERT_TRUE(decodeTile(encoded(south, 2), a));
-  ASSERT_TRUE(decodeTile(encoded(north, 2), b));
-  for (int j = 0; j < HeightTile::kSide; j += 2)
-    EXPECT_EQ(a.tile.at(HeightTile::kCells, j).depth, b.tile.at(0, j).depth);
-}
-
-TEST(TileCodec, CarriesTheMedianSigmaWithinItsStep) {
-  HeightTile tile = sampleTile(0, 0);
-  for (auto& node : tile.nodes) node.sigma = 0.037F;
-  DecodedTile got;
-  ASSERT_TRUE(decodeTile(encoded(tile, 4), got));
-  EXPECT_NEAR(std::log2(got.tile.at(0, 0).sigma / 0.037), 0, 0.13);
-}
-
-TEST(TileCodec, RefusesWhatItCannotCarry) {
-  HeightTile tile = sampleTile(0, 0);
-  EXPECT_TRUE(encoded(tile, 3).empty());
-  EXPECT_TRUE(encoded(tile, 16).empty());
-  tile.size = 4.00037;  // not whole millimetres: the lattice would shift
-  EXPECT_TRUE(encoded(tile, 1).empty());
-  tile = sampleTile(0, 0);
-  tile.at(3, 3).depth = 5000;  // further than the differences reach
-  EXPECT_TRUE(encoded(tile, 1).empty());
-  tile = sampleTile(0, 0);
-  tile.at(3, 3).depth = NAN;  // such a node is as good as unseen
-  DecodedTile got;
-  ASSERT_TRUE(decodeTile(encoded(tile, 1), got));
-  EXPECT_EQ(got.tile.at(3, 3).coverage, 0);
-  EXPECT_TRUE(encoded(HeightTile{}, 1).empty());
-  std::array<std::uint8_t, 30> small{};
-  EXPECT_EQ(encodeTile(sampleTile(0, 0), 1, {}, small), 0U);
 }
 
 TEST(TileCodec, TruncatedAtAnyByteIsRejected) {
-  for (const double seen : {1.0, 0.5}) {
-    const auto bytes = encoded(sampleTile(1, 1, 4.0, seen), 2);
+  for (const RecordedTile& recorded : recordedTiles()) {
+    const auto bytes = recorded.bytes();
     for (std::size_t n = 0; n < bytes.size(); ++n) {
       DecodedTile got;
       EXPECT_FALSE(decodeTile(std::span(bytes).first(n), got)) << n;
@@ -125,7 +101,7 @@ TEST(TileCodec, TruncatedAtAnyByteIsRejected) {
 
 TEST(TileCodec, RandomAndDamagedBytesNeverGiveValuesOutsideTheLattice) {
   std::mt19937 random(21);
-  const auto good = encoded(sampleTile(1, 1), 2);
+  const auto good = recordedTiles()[0].bytes();
   for (int round = 0; round < 4000; ++round) {
     auto bytes = good;
     const unsigned flips = 1 + random() % 4;
@@ -138,16 +114,26 @@ TEST(TileCodec, RandomAndDamagedBytesNeverGiveValuesOutsideTheLattice) {
   }
 }
 
-std::vector<std::vector<std::uint8_t>> fragments(const HeightTile& tile, int stride,
-                                                 std::size_t frame_bytes) {
-  FragmentTile id;
-  EXPECT_TRUE(makeTileId(tile, stride, id));
-  const auto bytes = encoded(tile, stride);
+// The first recorded tile, as a tile of this place, in fragments for frames of this size.
+std::vector<std::vector<std::uint8_t>> fragments(std::int32_t north, std::int32_t east,
+                                                 std::size_t frame_bytes, std::uint16_t revision = 1) {
+  const auto tile = recordedTiles()[0].bytes();
+  const std::size_t piece = frame_bytes - kFrameOverhead - kFragmentHeaderBytes;
+  const std::size_t count = (tile.size() + piece - 1) / piece;
   std::vector<std::vector<std::uint8_t>> out;
-  for (int i = 0; i < fragmentCount(bytes.size(), frame_bytes); ++i) {
-    std::vector<std::uint8_t> payload(kMaxFrameBytes);
-    payload.resize(encodeFragment(id, bytes, i, frame_bytes, payload));
-    EXPECT_LE(payload.size() + kFrameOverhead, frame_bytes);
+  for (std::size_t i = 0; i < count; ++i) {
+    std::vector<std::uint8_t> payload(kFragmentHeaderBytes);
+    BitWriter w(payload);
+    w.put(3, 4);  // level
+    w.putSigned(north, 15);
+    w.putSigned(east, 15);
+    w.put(revision, kRevisionBits);
+    w.put(1, 2);  // log2 of the stride
+    w.put(i, 7);
+    w.put(count, 7);
+    const auto rest = std::span(tile).subspan(i * piece);
+    const auto sent = rest.first(std::min(piece, rest.size()));
+    payload.insert(payload.end(), sent.begin(), sent.end());
     out.push_back(payload);
   }
   return out;
@@ -156,8 +142,7 @@ std::vector<std::vector<std::uint8_t>> fragments(const HeightTile& tile, int str
 TEST(TileReassembler, CompletesATileFromAnyOrderWithRepeats) {
   std::mt19937 random(1);
   for (const std::size_t frame_bytes : {32U, 64U, 256U}) {
-    const HeightTile tile = sampleTile(-16384, 16383, 4.0, 1.0, 1, 99);
-    auto pieces = fragments(tile, 1, frame_bytes);
+    auto pieces = fragments(-16384, 16383, frame_bytes, 99);
     const auto again = pieces;
     pieces.insert(pieces.end(), again.begin(), again.end());
     std::shuffle(pieces.begin(), pieces.end(), random);
@@ -170,7 +155,7 @@ TEST(TileReassembler, CompletesATileFromAnyOrderWithRepeats) {
     EXPECT_EQ(got.tile.east_index, 16383);
     EXPECT_EQ(got.tile.level, 3);
     EXPECT_EQ(got.tile.revision, 99U);
-    expectSame(tile, got, 1, {});
+    expectSame(recordedTiles()[0], got);
     EXPECT_EQ(reassembler.counters().repeated, pieces.size() / 2);
   }
 }
@@ -179,7 +164,7 @@ TEST(TileReassembler, ManyTilesAtOnceComeOutWholeUnderLossAndReordering) {
   std::mt19937 random(6);
   std::vector<std::vector<std::uint8_t>> all;
   for (int n = 0; n < 20; ++n)
-    for (const auto& piece : fragments(sampleTile(n, -n), 2, 48)) all.push_back(piece);
+    for (const auto& piece : fragments(n, -n, 48)) all.push_back(piece);
   TileReassembler reassembler(32);
   DecodedTile got;
   std::size_t completed = 0;
@@ -188,7 +173,8 @@ TEST(TileReassembler, ManyTilesAtOnceComeOutWholeUnderLossAndReordering) {
     for (const auto& piece : all) {
       if (random() % 10 < 3 || !reassembler.accept(piece, got)) continue;
       ++completed;
-      expectSame(sampleTile(got.tile.north_index, got.tile.east_index), got, 2, {});
+      EXPECT_EQ(got.tile.north_index, -got.tile.east_index);
+      expectSame(recordedTiles()[0], got);
     }
   }
   EXPECT_EQ(completed, 20U);
@@ -198,7 +184,7 @@ TEST(TileReassembler, ManyTilesAtOnceComeOutWholeUnderLossAndReordering) {
 TEST(TileReassembler, NeverHoldsMoreThanItsFixedNumberOfOpenTiles) {
   TileReassembler reassembler(4);
   DecodedTile got;
-  for (int n = 0; n < 50; ++n) (void)reassembler.accept(fragments(sampleTile(n, 0), 1, 64)[0], got);
+  for (int n = 0; n < 50; ++n) (void)reassembler.accept(fragments(n, 0, 64)[0], got);
   EXPECT_EQ(reassembler.open(), 4);
   EXPECT_EQ(reassembler.counters().evicted, 46U);
 }
@@ -206,22 +192,22 @@ TEST(TileReassembler, NeverHoldsMoreThanItsFixedNumberOfOpenTiles) {
 TEST(TileReassembler, ANewerRevisionDropsTheOpenOlderOne) {
   TileReassembler reassembler(8);
   DecodedTile got;
-  const auto old_pieces = fragments(sampleTile(0, 0, 4.0, 1.0, 1, 5), 1, 128);
-  const auto new_pieces = fragments(sampleTile(0, 0, 4.0, 1.0, 2, 6), 1, 128);
+  const auto old_pieces = fragments(0, 0, 128, 5);
+  const auto new_pieces = fragments(0, 0, 128, 6);
   for (std::size_t i = 0; i + 1 < old_pieces.size(); ++i)
     EXPECT_FALSE(reassembler.accept(old_pieces[i], got));
   bool complete = false;
   for (const auto& piece : new_pieces) complete = reassembler.accept(piece, got);
   EXPECT_TRUE(complete);
   EXPECT_EQ(got.tile.revision, 6U);
-  expectSame(sampleTile(0, 0, 4.0, 1.0, 2, 6), got, 1, {});
+  expectSame(recordedTiles()[0], got);
   EXPECT_EQ(reassembler.counters().superseded, 1U);
 }
 
 TEST(TileReassembler, CountsWhatIsNotAFragmentAndWhatDoesNotBelongTogether) {
   TileReassembler reassembler(8);
   DecodedTile got;
-  auto pieces = fragments(sampleTile(0, 0), 1, 64);
+  auto pieces = fragments(0, 0, 64);
   EXPECT_FALSE(reassembler.accept({}, got));
   EXPECT_FALSE(reassembler.accept(std::span(pieces[0]).first(kFragmentHeaderBytes), got));
   EXPECT_EQ(reassembler.counters().invalid, 2U);

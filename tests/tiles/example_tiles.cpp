@@ -1,4 +1,3 @@
-#include <CLI/CLI.hpp>
 #include <filesystem>
 
 #include "realtime/base/command_line.hpp"
@@ -7,7 +6,7 @@
 #include "recon/products/tiles/block_texture.hpp"
 #include "recon/products/tiles/glb.hpp"
 #include "recon/products/tiles/tileset.hpp"
-#include "tests/tiles/synthetic_model.hpp"
+#include "tests/world/tiles.hpp"
 
 namespace {
 
@@ -20,20 +19,11 @@ void writeIn(const std::filesystem::path& path, const std::vector<std::uint8_t>&
 
 // Writes a synthetic model as a tileset, for whatever opens tilesets: the page, validators, other viewers.
 int main(int argc, char** argv) {
-  CLI::App app{"example_tiles: a synthetic seafloor as 3D tiles"};
   std::filesystem::path folder;
   int levels = 3;
-  fathom::topside::synthetic::SyntheticModel model;
+  fathom::test::SyntheticModel model;
   bool webp = false, ktx2 = false;
-  app.add_option("folder", folder, "where tileset.json and the tiles are written")->required();
-  app.add_option("--levels", levels, "levels of tiles; the finest has 16^(levels - 1)")
-      ->check(CLI::Range(1, 5));
-  app.add_option("--texels", model.texels, "along an atlas's edge; 0: colours at vertices")
-      ->check(CLI::Range(0, 4096));
-  app.add_flag("--webp", webp, "WebP in place of JPEG");
-  app.add_flag("--ktx2", ktx2, "compressed textures for the GPU beside the tiles");
-  if (const auto code = fathom::parseCommandLine("example_tiles", app, argc, argv)) return *code;
-  return fathom::runTool("example_tiles", [&]() -> int {
+  fathom::CommandLine app("example_tiles: a synthetic seafloor as 3D tiles", "", [&] {
     using namespace fathom::topside;
     GlbConfig config;
     if (webp) config.picture.format = PictureFormat::kWebp;
@@ -52,4 +42,10 @@ int main(int argc, char** argv) {
     std::printf("%zu tiles\n", entries.size());
     return fathom::kExitSuccess;
   });
+  app.add_option("folder", folder, "where tileset.json and the tiles are written")->required();
+  app.shown("--levels", levels, "levels of tiles; the finest has 16^(levels - 1)", 1, 5);
+  app.shown("--texels", model.texels, "along an atlas's edge; 0: colours at vertices", 0, 4096);
+  app.add_flag("--webp", webp, "WebP in place of JPEG");
+  app.add_flag("--ktx2", ktx2, "compressed textures for the GPU beside the tiles");
+  return app.run("example_tiles", argc, argv);
 }

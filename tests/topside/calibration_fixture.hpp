@@ -1,7 +1,6 @@
 #pragma once
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include "recon/import/calibration/calibration.hpp"
 #include "tests/support/test_data.hpp"

@@ -4,12 +4,12 @@
 #include <nlohmann/json.hpp>
 
 #include "firmware_if/mission/feature_file.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "recon/import/images/image_pairs.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/topside/true_shift.hpp"
+#include "tests/topside/reef_quick.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,7 +1,6 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
-#include "recon/geometry/flat_port.hpp"
+#include "recon/geometry/camera.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"

@@ -1,5 +1,4 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <cstring>
 #include <map>
@@ -8,19 +7,20 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/compare/plane_frame.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "recon/products/exports/model_glb.hpp"
-#include "recon/products/exports/model_las.hpp"
 #include "recon/products/exports/results_files.hpp"
+#include "recon/products/exports/sparse_model.hpp"
 #include "recon/products/tiles/tileset.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
-#include "tests/tiles/synthetic_model.hpp"
+#include "tests/topside/colmap_files.hpp"
+#include "tests/world/tiles.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using ::testing::HasSubstr;
+using ::testing::HasSubstr, ::testing::UnorderedElementsAre;
 using Json = nlohmann::json;
 
 // Nine tiles about the origin on disk: the last one with colours at its vertices instead of a picture.
@@ -30,7 +30,7 @@ class TileFolder : public ::testing::Test {
     for (int x = -1; x <= 1; ++x)
       for (int y = -1; y <= 1; ++y) {
         const TileId id{0, x, y};
-        synthetic::SyntheticModel model;
+        test::SyntheticModel model;
         if (tiles_.size() == 8) model.texels = 0;
         GlbConfig config;
         config.gpu_texture = "beside.ktx2";
@@ -197,6 +197,190 @@ TEST_F(TileFolder, LasInDegreesOrInNoSystemIsRefused) {
   for (const char* crs : {"EPSG:4326", "utm 55"})
     EXPECT_THROW((void)writeModelLas(path, tiles_, glbSource(folder_.path()), {}, crs), InputError) << crs;
   EXPECT_FALSE(std::filesystem::exists(path));
+}
+
+// Views half a metre apart that look down at the same places 2 m below, whose pixels are exact.
+class SparseDive : public ::testing::Test {
+ protected:
+  SparseDive() {
+    const Camera left{680, 512, 850, 860, 340.2, 255.1, -0.11, 0.07, 0.001, -0.002, 0},
+        right{680, 512, 845, 855, 338.7, 250.3, -0.12, 0.09, 0.002, 0.001, 0};
+    model_.rig = {left, right, SE3::fromEuler(0.01, -0.02, 0.005, {-0.07, 0.001, 0.002})};
+    model_.origin = {-0.4, 2.5};
+    model_.placed_by = "gps";
+    for (int v = 0; v < 3; ++v) {
+      const SE3 T_nav_cam = SE3::fromEuler(0.02, 0.03, 0.4, {0.1 * v, -0.2, 8});
+      StereoView view{"day/left " + std::to_string(v) + ".tif",
+                      "day/right " + std::to_string(v) + ".tif",
+                      worldFromNav() * T_nav_cam,
+                      {},
+                      {}};
+      for (const Eigen::Vector3d& place : places_)
+        view.features.push_back(seen(view.T_world_cam, worldFromNav() * place));
+      model_.views.push_back(view);
+    }
+  }
+  [[nodiscard]] closure::Feature seen(const SE3& T_world_cam, const Eigen::Vector3d& place) const {
+    const Eigen::Vector3d left = T_world_cam.inverse() * place;
+    return {model_.rig.left.project(left).cast<float>(),
+            model_.rig.right.project(model_.rig.T_right_left * left).cast<float>(),
+            left.cast<float>(),
+            {1e-6F, 0, 0, 1e-6F, 0, 1e-5F},
+            9};
+  }
+  static ViewMatches all(std::uint32_t a, std::uint32_t b) { return {a, b, {{0, 0}, {1, 1}, {2, 2}}}; }
+  [[nodiscard]] std::vector<std::uint32_t> viewsOfPoints() const {
+    std::vector<std::uint32_t> views;
+    for (const SparsePoint& point : model_.points) views.push_back(point.views);
+    return views;
+  }
+
+  std::vector<Eigen::Vector3d> places_{{0.1, -0.1, 10}, {0.3, -0.3, 10.2}, {-0.1, 0.05, 9.8}};  // in nav
+  SparseModel model_;
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(SparseDive, FeaturesThatMatchesJoinAreOnePointSeenByAllTheirViews) {
+  joinFeatures({all(0, 1), all(1, 2)}, model_);
+  ASSERT_EQ(model_.points.size(), 3U);
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_EQ(model_.points[k].views, 3U);
+    EXPECT_LT((model_.points[k].place - worldFromNav() * places_[k]).norm(), 1e-6);
+    for (std::uint32_t v = 0; v < 3; ++v) EXPECT_EQ(model_.views[v].point_of[k], k);
+  }
+  EXPECT_LT(model_.meanError(), 1e-3);
+}
+
+TEST_F(SparseDive, AMatchThatPutsTwoFeaturesOfOneViewInOnePointIsRejected) {
+  joinFeatures({all(0, 1), {1, 2, {{0, 0}, {1, 2}}}, {0, 2, {{1, 1}}}}, model_);
+  // Feature 1 of view 0 leads to features 1 and 2 of view 2.
+  EXPECT_THAT(viewsOfPoints(), UnorderedElementsAre(3, 1, 1, 1, 1, 2));
+  EXPECT_LT(model_.meanError(), 1e-3);
+}
+
+TEST_F(SparseDive, AViewWhosePixelsDoNotFitIsLeftOutOfAPoint) {
+  closure::Feature& off = model_.views[2].features[1];
+  off = seen(model_.views[2].T_world_cam, worldFromNav() * (places_[1] + Eigen::Vector3d(0.1, 0, 0)));
+  off.covariance = {1e-4F, 0, 0, 1e-4F, 0, 1e-3F};
+  joinFeatures({all(0, 1), all(1, 2)}, model_);
+  EXPECT_THAT(viewsOfPoints(), UnorderedElementsAre(3, 3, 2, 1));
+  EXPECT_LT(model_.meanError(), 1e-3);
+}
+
+TEST_F(SparseDive, ColmapFindsEveryPixelWhereItsOwnCameraModelProjectsThePoint) {
+  for (const double k3 : {0.0, -0.03}) {
+    model_.rig.right.k3 = k3;
+    for (StereoView& view : model_.views)
+      for (std::size_t k = 0; k < 3; ++k)
+        view.features[k] = seen(view.T_world_cam, worldFromNav() * places_[k]);
+    model_.points.clear();
+    model_.members.clear();
+    joinFeatures({all(0, 1)}, model_);
+    writeColmapModel(folder_.path() / "sparse", model_, ColmapFormat::kBinary);
+    const test::ColmapFiles read(folder_.path() / "sparse");
+    ASSERT_EQ(read.cameras.size(), 2U);
+    EXPECT_EQ(read.cameras.at(1).model, 4);
+    EXPECT_EQ(read.cameras.at(2).model, k3 == 0 ? 4 : 6);
+    EXPECT_DOUBLE_EQ(read.cameras.at(1).p[2], 340.7);  // the top left pixel's centre is (0.5, 0.5)
+    ASSERT_EQ(read.images.size(), 6U);
+    EXPECT_EQ(read.images.at(4).name, "day/right 1.tif");
+    ASSERT_EQ(read.points.size(), 6U);
+    for (const auto& [id, point] : read.points) {
+      EXPECT_LT(read.errorOf(point), 1e-3);
+      for (const auto& [image, k] : point.track) EXPECT_EQ(read.images.at(image).points.at(k), id);
+    }
+    EXPECT_LT((read.points.at(1).place - Eigen::Vector3d(-0.1, 0.1, -10)).norm(), 1e-6);  // east, north, up
+  }
+  EXPECT_THAT(test::readText(folder_.path() / "sparse" / "origin.txt"), HasSubstr("latitude -22.918"));
+}
+
+TEST_F(SparseDive, ColmapsTextSaysTheSame) {
+  for (StereoView& view : model_.views) {
+    view.left = "l" + std::to_string(&view - model_.views.data()) + ".tif";
+    view.right[view.right.find(' ')] = '_';
+  }
+  joinFeatures({all(0, 1), all(1, 2)}, model_);
+  writeColmapModel(folder_.path() / "sparse", model_, ColmapFormat::kText);
+  const std::string cameras = test::readText(folder_.path() / "sparse" / "cameras.txt");
+  EXPECT_THAT(cameras, HasSubstr("1 OPENCV 680 512 850 860 340.69999999999999 "));
+  std::istringstream images(test::readText(folder_.path() / "sparse" / "images.txt"));
+  std::string line, pixels;
+  int rows = 0;
+  for (; std::getline(images, line) && std::getline(images, pixels); ++rows) {
+    std::istringstream words(line), numbers(pixels);
+    int id = 0, camera = 0, count = 0;
+    double value = 0;
+    words >> id;
+    for (int k = 0; k < 7; ++k) words >> value;
+    std::string name;
+    words >> camera >> name;
+    EXPECT_EQ(id, rows + 1);
+    EXPECT_EQ(camera, rows % 2 + 1);
+    EXPECT_THAT(name, HasSubstr(".tif"));
+    while (numbers >> value) ++count;
+    EXPECT_EQ(count, 9);
+  }
+  EXPECT_EQ(rows, 6);
+  const std::string points = test::readText(folder_.path() / "sparse" / "points3D.txt");
+  EXPECT_EQ(points.substr(0, 2), "1 ");
+  EXPECT_THAT(points, HasSubstr(" 128 128 128 "));
+  EXPECT_THAT(points, HasSubstr(" 1 0 2 0 3 0 4 0 5 0 6 0\n"));
+}
+
+TEST_F(SparseDive, ANameWithASpaceIsRefusedInColmapsTextAndNothingIsLeft) {
+  joinFeatures({}, model_);
+  EXPECT_THROW(writeColmapModel(folder_.path() / "sparse", model_, ColmapFormat::kText), InputError);
+  EXPECT_TRUE(std::filesystem::is_empty(folder_.path()));
+}
+
+TEST_F(SparseDive, NerfstudioFindsImagesAndPointsWhereTheCamerasLook) {
+  joinFeatures({all(0, 1), all(1, 2)}, model_);
+  const std::filesystem::path scene = folder_.path() / "scenes" / "reef", images = folder_.path() / "img";
+  writeNerfstudioScene(scene, model_, images);
+  const auto json = nlohmann::json::parse(test::readText(scene / "transforms.json"));
+  ASSERT_EQ(json.at("frames").size(), 6U);
+  EXPECT_EQ(json.at("camera_model"), "OPENCV");
+  EXPECT_EQ(json.at("frames")[3].at("file_path"), "../../img/day/right 1.tif");
+  const Mesh points = readPly(scene / json.at("ply_file_path").get<std::string>());
+  ASSERT_EQ(points.vertices.size(), 3U);
+  for (std::size_t f = 0; f < 6; ++f) {
+    const auto& frame = json.at("frames")[f];
+    Eigen::Matrix4d pose;
+    for (int row = 0; row < 4; ++row)
+      for (int column = 0; column < 4; ++column)
+        pose(row, column) = frame.at("transform_matrix")[row][column];
+    EXPECT_NEAR(pose.determinant(), 1, 1e-9);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Eigen::Vector4d seen = pose.inverse() * points.vertices[k].cast<double>().homogeneous();
+      const auto number = [&](const char* key) { return frame.at(key).get<double>(); };
+      Camera camera{680,          512,          number("fl_x"), number("fl_y"), number("cx"), number("cy"),
+                    number("k1"), number("k2"), number("p1"),   number("p2"),   number("k3")};
+      // OpenGL's axes: in front is -z, up is y.
+      const Eigen::Vector2d pixel = camera.project({seen.x(), -seen.y(), -seen.z()});
+      const closure::Feature& feature = model_.views[f / 2].features[k];
+      const Eigen::Vector2f measured = f % 2 == 0 ? feature.left : feature.right;
+      EXPECT_LT((pixel - measured.cast<double>() - Eigen::Vector2d(0.5, 0.5)).norm(), 2e-3);
+    }
+  }
+}
+
+TEST_F(SparseDive, NerfstudioFindsImagesFromAFolderThatIsNotThereYet) {
+  joinFeatures({}, model_);
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::create_directories(folder_.path() / "img");
+  std::filesystem::current_path(folder_.path());
+  writeNerfstudioScene("new/scene", model_, "img");
+  std::filesystem::current_path(before);
+  const auto json = nlohmann::json::parse(test::readText(folder_.path() / "new/scene/transforms.json"));
+  EXPECT_EQ(json.at("frames")[3].at("file_path"), "../../img/day/right 1.tif");
+}
+
+TEST_F(SparseDive, AFolderWithForeignFilesIsLeftAsItIs) {
+  joinFeatures({}, model_);
+  test::writeText(folder_.path() / "thesis.txt", "years of work");
+  EXPECT_THROW(writeColmapModel(folder_.path(), model_, ColmapFormat::kBinary), InputError);
+  EXPECT_THROW(writeNerfstudioScene(folder_.path(), model_, "img"), InputError);
+  EXPECT_EQ(test::readText(folder_.path() / "thesis.txt"), "years of work");
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 #include "realtime/base/units.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <cmath>
 #include <map>
@@ -27,7 +26,7 @@ std::int64_t at(double seconds) {
 struct MadeDive {
   double end = 200, from = 0, to = 1e9, again = 1e9;
   double tide = 0;  // amplitude [m], of half an hour's period
-  std::vector<double> usbl, gps;
+  std::vector<double> usbl{}, gps{};
   double late = 0;  // samples arrive up to so late, each by another time [s]
 
   [[nodiscard]] io::MissionConfig mission() const {
@@ -49,10 +48,7 @@ struct MadeDive {
     const LocalTransverseMercator projection(mission().origin);
     for (int tick = 0; tick < static_cast<int>(end * 5); ++tick) {
       const double t = 0.2 * tick;
-      AttitudeSample attitude;
-      attitude.utc_ns = at(t);
-      attitude.magnetic = false;
-      arrives(t, attitude);
+      arrives(t, AttitudeSample{.utc_ns = at(t), .magnetic = false});
       const double sea = tide * std::sin(2 * M_PI * t / 1800 + 0.5);
       arrives(t, DepthSample{at(t), kTrackDepth + sea});
       const Geodetic g = projection.toGeodetic({kSpeed * t, 0});
@@ -88,9 +84,7 @@ const FixSeen* seenAt(const Navigation& navigation, double seconds) {
 }
 
 TEST(NavigationFixes, OfADescentAreAsWrongAsTheVehicleMayHaveDriftedUntilBottomTrack) {
-  MadeDive dive;
-  dive.from = 100;
-  dive.usbl = {10, 90, 150};
+  const MadeDive dive{.from = 100, .usbl = {10, 90, 150}};
   const Navigation navigation = dive.navigated({105, 110, 190});
   const double drift = TopsideConfig{}.navigation.noise.unknown_velocity;
   for (const double t : dive.usbl) ASSERT_NE(seenAt(navigation, t), nullptr) << t;
@@ -100,11 +94,7 @@ TEST(NavigationFixes, OfADescentAreAsWrongAsTheVehicleMayHaveDriftedUntilBottomT
 }
 
 TEST(NavigationFixes, GpsOfAVehicleThatComesUpDuringTheDiveIsOneFixAMinuteWithTheDriftOfTheAscent) {
-  MadeDive dive;
-  dive.end = 400;
-  dive.to = 100;
-  dive.again = 300;
-  dive.gps = {5, 150, 160, 170, 215};
+  const MadeDive dive{.end = 400, .to = 100, .again = 300, .gps = {5, 150, 160, 170, 215}};
   const Navigation navigation = dive.navigated({20, 90, 320, 390});
   const double drift = TopsideConfig{}.navigation.noise.unknown_velocity;
   ASSERT_NE(seenAt(navigation, 150), nullptr);
@@ -118,8 +108,7 @@ TEST(NavigationFixes, GpsOfAVehicleThatComesUpDuringTheDiveIsOneFixAMinuteWithTh
 }
 
 TEST(NavigationFixes, GpsDuringTheDiveAnchorsADiveThatHadNoneBefore) {
-  MadeDive dive;
-  dive.gps = {150};
+  MadeDive dive{.gps = {150}};
   EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "gps");
   dive.gps = {};
   EXPECT_EQ(dive.navigated({20, 90}).anchor.source, "none");
@@ -144,9 +133,7 @@ TEST(NavigationFixes, GpsBeforeALaunchWithoutBottomIsAsWrongAsTheVehicleMayHaveD
 }
 
 TEST(NavigationOrder, IsThatOfTheStampsHoweverLateSamplesArrive) {
-  MadeDive dive;
-  dive.from = 10.1, dive.to = 90.1, dive.again = 97.1;
-  dive.usbl = {50, 150};
+  MadeDive dive{.from = 10.1, .to = 90.1, .again = 97.1, .usbl = {50, 150}};
   const Navigation prompt = dive.navigated({30, 95, 120, 190});
   dive.late = 3;
   const Navigation late = dive.navigated({30, 95, 120, 190});
@@ -159,8 +146,7 @@ TEST(NavigationOrder, IsThatOfTheStampsHoweverLateSamplesArrive) {
 }
 
 TEST(NavigationTide, IsTakenOutOfTheDepth) {
-  MadeDive dive;
-  dive.tide = 1.5;
+  const MadeDive dive{.tide = 1.5};
   const Navigation navigation = dive.navigated({50, 120, 190});
   for (const NavigatedPose& pose : navigation.poses) {
     ASSERT_TRUE(pose.T_nav_body);

@@ -1,17 +1,16 @@
 #include "recon/topside/pipeline.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/geometry/ply.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
-#include "tests/topside/tiny_mission.hpp"
+#include "tests/world/missions.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -228,8 +227,7 @@ TEST_F(TopsidePipeline, AnAbsentOrBrokenFileIsNamedInOneLine) {
 }
 
 TEST_F(TopsidePipeline, WithoutGpsOrUsblTheMapIsAtTheOriginAndTheReportSaysSo) {
-  test::TinyMission scene;
-  scene.gps = false;
+  test::TinyMission scene{.gps = false};
   const test::TemporaryFolder folder;
   scene.write(folder.path());
   cut(imagesOf(folder.path())[3]);

@@ -1,5 +1,4 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <map>
 #include <nlohmann/json.hpp>
@@ -9,14 +8,13 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/calibration/epipolar_check.hpp"
-#include "recon/geometry/ply_reader.hpp"
+#include "recon/calibration/sensor_checks.hpp"
+#include "recon/geometry/ply.hpp"
 #include "recon/geometry/se3.hpp"
 #include "sim/mission/control_maker.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/topside/reef_quick.hpp"
-#include "tests/topside/true_shift.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -114,10 +112,7 @@ TEST_F(ReefQuick, ControlPointsAndScaleBarsPlaceTurnAndScaleWhatImagesJoin) {
   places.input.calib = dive() / "short.calib";
   writeStereoCalib(places.input.calib, rig);
   places.input.control = out_->path() / "control";
-  sim::ControlMakerOptions survey;
-  survey.out = places.input.control;
-  survey.checks = 8;
-  survey.bars = 2;
+  sim::ControlMakerOptions survey{.out = places.input.control, .checks = 8, .bars = 2};
   (void)sim::makeControl(kReefMission, survey);
   std::string marks = test::readText(survey.out / "marks.csv");
   const auto recorded = io::readStereoPoses(run().out / "stereo_pose_est.data");

@@ -1,9 +1,9 @@
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <chrono>
 #include <csignal>
 #include <fstream>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
 #include <thread>
@@ -11,15 +11,17 @@
 #include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/input_error.hpp"
 #include "recon/topside/pipeline.hpp"
+#include "recon/topside/work/stage_store.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/topside/tiny_mission.hpp"
+#include "tests/world/missions.hpp"
 
 namespace fathom::topside {
 namespace {
 
-namespace fs = std::filesystem;
 using ::testing::HasSubstr;
+
+namespace fs = std::filesystem;
 
 // A track of some tiles' length in several pieces.
 TopsideConfig inPieces() {
@@ -49,17 +51,12 @@ fs::path workFile(const fs::path& stage, std::size_t number) {
 class Resume : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    test::TinyMission scene;
-    scene.pairs = 36;
-    scene.speed = 1.0;
-    folder_ = new test::TemporaryFolder;
+    test::TinyMission scene{.pairs = 36, .speed = 1.0};
+    folder_ = std::make_unique<test::TemporaryFolder>();
     scene.write(folder_->path() / "mission");
-    done_ = new Summary(runTopside(placesFor("first"), inPieces()));
+    done_ = std::make_unique<Summary>(runTopside(placesFor("first"), inPieces()));
   }
-  static void TearDownTestSuite() {
-    delete done_;
-    delete folder_;
-  }
+  static void TearDownTestSuite() { folder_.reset(); }
   static RunPlaces placesFor(const std::string& name) {
     RunPlaces places;
     places.mission = folder_->path() / "mission";
@@ -67,11 +64,9 @@ class Resume : public ::testing::Test {
     places.work = folder_->path() / (name + ".work");
     return places;
   }
-  static test::TemporaryFolder* folder_;
-  static Summary* done_;
+  inline static std::unique_ptr<test::TemporaryFolder> folder_;
+  inline static std::unique_ptr<Summary> done_;
 };
-test::TemporaryFolder* Resume::folder_ = nullptr;
-Summary* Resume::done_ = nullptr;
 
 TEST_F(Resume, OneThreadGivesTheBytesThatManyGive) {
   TopsideConfig config = inPieces();
@@ -185,6 +180,118 @@ TEST_F(Resume, AFolderThatIsNoWorkFolderIsLeftAlone) {
   std::ofstream(places.work / "thesis.tex") << "years of work";
   EXPECT_THROW((void)runTopside(places, inPieces()), InputError);
   EXPECT_TRUE(fs::exists(places.work / "thesis.tex"));
+}
+
+using Access = StageStore::Access;
+
+Digest keyOf(int n) {
+  return Hasher().add(n).finish();
+}
+
+fs::path fileOf(const fs::path& stage) {
+  for (const auto& entry : fs::directory_iterator(stage))
+    if (entry.path().extension() == ".work") return entry.path();
+  return {};
+}
+
+class Work : public ::testing::Test {
+ protected:
+  void write(StageStore& store, const Digest& key) const {
+    WorkFileWriter file = store.writer("piece", "3", key);
+    file.add("mesh", mesh_);
+    file.add("empty", {});
+    file.commit();
+    store.written("piece", "3", key, {{"seconds", 1.5}});
+  }
+  test::TemporaryFolder place_;
+  fs::path folder_ = place_.path() / "topside.work";
+  Bytes mesh_ = {1, 2, 3, 250, 0, 7};
+};
+
+TEST_F(Work, AResultIsReadAsItWasWrittenAndOnlyUnderItsKey) {
+  {
+    StageStore store(folder_, Access::kAlone);
+    EXPECT_FALSE(store.find("piece", "3", keyOf(1)));
+    write(store, keyOf(1));
+  }
+  StageStore store(folder_, Access::kShared);
+  const auto found = store.find("piece", "3", keyOf(1));
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->read("mesh"), mesh_);
+  EXPECT_EQ(found->digestOf("mesh"), digestOf(mesh_));
+  EXPECT_TRUE(found->read("empty").empty());
+  EXPECT_THROW((void)found->read("texture"), DamagedWork);
+  EXPECT_FALSE(store.find("piece", "3", keyOf(2)));
+  EXPECT_EQ(store.costs("piece").at("3").at("seconds"), 1.5);
+}
+
+TEST_F(Work, AnyFlippedBitIsNoticedAndTheFileIsGone) {
+  std::size_t size = 1;
+  for (std::size_t at = 0; at < size; ++at) {
+    {
+      StageStore store(folder_, Access::kAlone);
+      write(store, keyOf(1));
+    }
+    const fs::path path = fileOf(folder_ / "piece");
+    size = fs::file_size(path);
+    {
+      std::fstream file(path, std::ios::binary | std::ios::in | std::ios::out);
+      file.seekg(static_cast<std::streamoff>(at));
+      const int byte = file.get() ^ (1 << at % 8);
+      file.seekp(static_cast<std::streamoff>(at));
+      file.put(static_cast<char>(byte));
+    }
+    StageStore store(folder_, Access::kAlone);
+    EXPECT_FALSE(store.find("piece", "3", keyOf(1))) << "byte " << at;
+    EXPECT_EQ(store.damaged(), 1u);
+    EXPECT_FALSE(fs::exists(path));
+  }
+}
+
+TEST_F(Work, AFileCutAnywhereIsNoResult) {
+  StageStore store(folder_, Access::kAlone);
+  write(store, keyOf(1));
+  const fs::path path = fileOf(folder_ / "piece");
+  for (auto size = fs::file_size(path); size-- > 0;) {
+    fs::resize_file(path, size);
+    EXPECT_FALSE(WorkFile::open(path, keyOf(1)).has_value()) << size;
+  }
+}
+
+TEST_F(Work, ANewResultTakesThePlaceOfTheOldOneOfItsItem) {
+  StageStore store(folder_, Access::kAlone);
+  write(store, keyOf(1));
+  write(store, keyOf(2));
+  EXPECT_FALSE(store.find("piece", "3", keyOf(1)));
+  EXPECT_TRUE(store.find("piece", "3", keyOf(2)));
+}
+
+TEST_F(Work, WhatAKilledProcessLeftIsSweptByTheNextThatIsAlone) {
+  fs::path left;
+  {
+    StageStore store(folder_, Access::kAlone);
+    write(store, keyOf(1));
+    left = folder_ / "piece" / "4-0123456789abcdef.work.host.1.tmp";
+    std::ofstream(left) << "half";
+  }
+  { StageStore store(folder_, Access::kShared); }
+  EXPECT_TRUE(fs::exists(left));
+  { StageStore store(folder_, Access::kAlone); }
+  EXPECT_FALSE(fs::exists(left));
+}
+
+TEST_F(Work, TwoRunsDoNotWorkInOneFolderAndAForeignFolderIsRefused) {
+  StageStore first(folder_, Access::kShared);
+  { StageStore second(folder_, Access::kShared); }
+  EXPECT_THROW(StageStore(folder_, Access::kAlone), InputError);
+  std::ofstream(place_.path() / "thesis.tex") << "years of work";
+  EXPECT_THROW(StageStore(place_.path(), Access::kAlone), InputError);
+}
+
+TEST(Digests, AreBlake2bAndTellListsOfTextsApart) {
+  // BLAKE2b-256 of nothing, as its authors' tools give it.
+  EXPECT_EQ(digestOf({}).hex(), "0e5751c026e543b2e8ab2eb06099daa1d1e5df47778f7787faab45cdf12fe3a8");
+  EXPECT_NE(Hasher().add("ab", "c").finish(), Hasher().add("a", "bc").finish());
 }
 
 }  // namespace

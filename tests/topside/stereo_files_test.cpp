@@ -1,7 +1,6 @@
 #include "recon/import/images/stereo_files.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>

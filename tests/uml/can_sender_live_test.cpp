@@ -1,8 +1,6 @@
 // What CanSource sends on a real CAN interface; runs inside the user-mode Linux (`uml_run --can`).
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
-#include <filesystem>
 #include <fstream>
 #include <map>
 
@@ -15,7 +13,6 @@ namespace fathom::uml {
 namespace {
 
 using io::CanSource;
-using io::VehicleReport;
 
 class CanSendingOnARealInterface : public ::testing::Test {
  protected:
@@ -25,14 +22,14 @@ class CanSendingOnARealInterface : public ::testing::Test {
     config_.send = true;
     config_.sender.software_version = "1.0";
   }
-  VehicleReport report() const {
-    VehicleReport out;
-    out.utc_ns = clock_.utcNs();
-    out.latitude = 0.5;
-    out.longitude = -1.0;
-    out.depth = 20;
-    out.altitude = 2;
-    return out;
+  io::VehicleReport report() const {
+    return io::VehicleReport{.utc_ns = clock_.utcNs(),
+                             .latitude = 0.5,
+                             .longitude = -1.0,
+                             .sigma_horizontal = {},
+                             .depth = 20,
+                             .altitude = 2,
+                             .mission_progress = {}};
   }
   void run(CanSource& source, double seconds) {
     const std::int64_t end = clock_.monotonicNs() + static_cast<std::int64_t>(seconds * 1e9);
@@ -91,8 +88,7 @@ TEST_F(CanSendingOnARealInterface, ARequestForClaimsIsAnsweredAndSoIsALaterRival
   CanSource source(config_, clock_);
   BusPeer peer("vcan1");
   run(source, 0.4);
-  while (peer.receive(0)) {
-  }
+  while (peer.receive(0)) continue;
   const auto receivedId = [&](std::uint32_t id) {
     while (const auto frame = peer.receive(200))
       if (frame->can_id == (id | CAN_EFF_FLAG)) return true;

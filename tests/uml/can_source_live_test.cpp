@@ -1,10 +1,8 @@
 // CanSource on a real CAN interface; runs inside the user-mode Linux (`uml_run --can`).
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <linux/can/error.h>
 #include <time.h>
 
-#include "realtime/base/units.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/uml/live_bus.hpp"
 
@@ -34,6 +32,22 @@ class CanOnARealInterface : public ::testing::Test {
     while (clock_.monotonicNs() < end)
       if (source.poll(50, received) == open) return true;
     return false;
+  }
+  // A source loses its interface by one command and has it again by the other.
+  void expectBackAfter(const char* away, const char* back) {
+    CanSource source(config_, clock_);
+    ReceivedSamples received;
+    shell(away);
+    EXPECT_TRUE(pollUntilOpen(source, received, false, 2));
+    EXPECT_EQ(source.health().disconnects, 1U);
+    EXPECT_FALSE(source.health().open);
+    shell(back);
+    EXPECT_TRUE(pollUntilOpen(source, received, true, 3));
+    BusPeer peer("vcan0");
+    sendPressure(peer, 0);
+    EXPECT_TRUE(source.poll(100, received));
+    EXPECT_EQ(received.of<DepthSample>().size(), 1U);
+    EXPECT_EQ(source.health().disconnects, 1U);
   }
   io::CanConfig config_;
   VehicleClock clock_;
@@ -153,33 +167,11 @@ TEST_F(CanOnARealInterface, AFastPacketFromCanplayerIsAFix) {
 }
 
 TEST_F(CanOnARealInterface, AnInterfaceThatGoesDownComesBackByItself) {
-  CanSource source(config_, clock_);
-  ReceivedSamples received;
-  shell("ip link set vcan0 down");
-  EXPECT_TRUE(pollUntilOpen(source, received, false, 2));
-  EXPECT_EQ(source.health().disconnects, 1U);
-  EXPECT_FALSE(source.health().open);
-  shell("ip link set vcan0 up");
-  EXPECT_TRUE(pollUntilOpen(source, received, true, 3));
-  BusPeer peer("vcan0");
-  sendPressure(peer, 0);
-  EXPECT_TRUE(source.poll(100, received));
-  EXPECT_EQ(received.of<DepthSample>().size(), 1U);
-  EXPECT_EQ(source.health().disconnects, 1U);
+  expectBackAfter("ip link set vcan0 down", "ip link set vcan0 up");
 }
 
 TEST_F(CanOnARealInterface, ARecreatedInterfaceIsReopened) {
-  CanSource source(config_, clock_);
-  ReceivedSamples received;
-  shell("ip link del vcan0");
-  EXPECT_TRUE(pollUntilOpen(source, received, false, 2));
-  shell("ip link add vcan0 type vcan && ip link set vcan0 up");
-  EXPECT_TRUE(pollUntilOpen(source, received, true, 3));
-  BusPeer peer("vcan0");
-  sendPressure(peer, 0);
-  EXPECT_TRUE(source.poll(100, received));
-  EXPECT_EQ(received.of<DepthSample>().size(), 1U);
-  EXPECT_EQ(source.health().disconnects, 1U);
+  expectBackAfter("ip link del vcan0", "ip link add vcan0 type vcan && ip link set vcan0 up");
 }
 
 TEST_F(CanOnARealInterface, ASourceFindsAnInterfaceCreatedLater) {
@@ -244,7 +236,7 @@ TEST_F(CanOnARealInterface, PollingTakesNoMemory) {
   const auto poll = [&] {
     const rt::ThreadCost before = rt::threadCost();
     static_cast<void>(source.poll(1, received));
-    source.updateHealth(health);
+    health = source.health();
     heap_calls += (rt::threadCost() - before).heap_calls;
   };
   for (int i = 0; i < 200; ++i) {
@@ -257,8 +249,7 @@ TEST_F(CanOnARealInterface, PollingTakesNoMemory) {
   shell("ip link set vcan0 down");
   poll();
   shell("ip link set vcan0 up");
-  while (!source.poll(50, received)) {
-  }
+  while (!source.poll(50, received)) continue;
   poll();
   EXPECT_EQ(heap_calls, 0U);
   // The machine's clock is coarse: headings that came at one time are one.

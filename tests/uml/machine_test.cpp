@@ -2,10 +2,8 @@
 #include "tests/uml/machine.hpp"
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
 #include <array>
-#include <filesystem>
 #include <fstream>
 
 #include "tests/support/test_data.hpp"

@@ -1,12 +1,7 @@
 #include "tests/uml/power_cut.hpp"
 
 #include <algorithm>
-#include <cstdio>
-#include <sstream>
 
-#include "firmware_if/mission/mission.hpp"
-#include "realtime/base/input_error.hpp"
-#include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/uml/machine.hpp"
@@ -31,8 +26,7 @@ PowerCut cutPower(const PowerCutOptions& options, const std::filesystem::path& f
   const std::string disk = (folder / "disk.img").string(), status_file = (folder / "status").string();
   const std::string record = std::string(FATHOM_BIN_DIR) + "/dive_recorder $FATHOM_UML_DISK/dive --width " +
                              std::to_string(options.width) + " --height " + std::to_string(options.height);
-  PowerCut cut;
-  cut.cut_after_s = options.cut_after_s;
+  PowerCut cut{.wrong = {}, .cut_after_s = options.cut_after_s};
 
   const std::string drive =
       options.drive_seed ? " --volatile-cache " + std::to_string(*options.drive_seed) : "";

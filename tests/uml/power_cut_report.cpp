@@ -58,16 +58,16 @@ int run(Options o) {
 
 }  // namespace
 
-test::Report powerCutReport() {
+void powerCutReport(CommandLine& program) {
   static Options o;
-  return {"power-cut",
-          "Cuts the power of a machine that records, and reads its disk back",
-          {{"--cuts", &o.cuts, "how many", 1, 10000},
-           {"--seed", &o.seed, "of the instants, and of what the drive loses"},
-           {"--width", &o.cut.width, "of an image [px]"},
-           {"--height", &o.cut.height, "of an image [px]"},
-           {"--kind-drive", &o.kind_drive, "the drive keeps what was not flushed"}},
-          [] { return run(o); }};
+  CommandLine& command =
+      program.command("power-cut", "Cuts the power of a machine that records, and reads its disk back", "",
+                      [] { return run(o); });
+  command.shown("--cuts", o.cuts, "how many", 1, 10000);
+  command.shown("--seed", o.seed, "of the instants, and of what the drive loses");
+  command.shown("--width", o.cut.width, "of an image [px]");
+  command.shown("--height", o.cut.height, "of an image [px]");
+  command.add_flag("--kind-drive", o.kind_drive, "the drive keeps what was not flushed");
 }
 
 }  // namespace fathom::uml

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "tests/support/report_program.hpp"
+#include "realtime/base/command_line.hpp"
 
 namespace fathom::uml {
 
 // Cuts the power of a recording machine at random instants; a table of what each cut cost.
-[[nodiscard]] test::Report powerCutReport();
+void powerCutReport(CommandLine& program);
 
 }  // namespace fathom::uml

@@ -11,10 +11,7 @@ namespace {
 TEST(PowerCutWhileRecording, LosesNothingOlderThanASecondAndRecordingContinues) {
   FATHOM_REQUIRE_OWN_PROGRAMS_INSIDE();
   const test::TemporaryFolder folder;
-  PowerCutOptions options;
-  options.cut_after_s = 5.3;
-  options.drive_seed = 3;
-  const PowerCut cut = cutPower(options, folder.path());
+  const PowerCut cut = cutPower(PowerCutOptions{.cut_after_s = 5.3, .drive_seed = 3}, folder.path());
   EXPECT_THAT(cut.wrong, ::testing::IsEmpty());
   EXPECT_TRUE(cut.began);
   EXPECT_GT(cut.durable, 0u);

@@ -15,7 +15,6 @@
 
 #include <algorithm>
 #include <bitset>
-#include <cerrno>
 #include <cstdarg>
 #include <cstdint>
 #include <cstdlib>

@@ -8,7 +8,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -24,6 +23,7 @@
 #include <utility>
 #include <vector>
 
+#include "realtime/base/command_line.hpp"
 #include "tests/uml/machine_files.hpp"
 
 extern char** environ;  // NOLINT: POSIX
@@ -36,7 +36,6 @@ using SteadyClock = std::chrono::steady_clock;
 using Seconds = std::chrono::duration<double>;
 
 // Exit statuses besides the command's own.
-constexpr int kBadUsage = 2;
 constexpr const char* kRegistersTooLarge = "ptrace set fp regs failed";  // of its console
 constexpr int kTimeLimit = 124;                                          // as timeout(1) gives
 constexpr int kNoMachine = 125;  // it did not boot, or could not be set up
@@ -256,10 +255,18 @@ int run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app(
-      "Runs one command inside a user-mode Linux that sees this machine's files, and returns its output and "
-      "exit status");
   Options options;
+  fathom::CommandLine app(
+      "Runs one command inside a user-mode Linux that sees this machine's files, and returns its output and "
+      "exit status",
+      "", [&options] {
+        try {
+          return run(options);
+        } catch (const std::exception& error) {
+          std::fprintf(stderr, "uml_run: %s\n", error.what());
+          return kNoMachine;
+        }
+      });
   app.add_flag("--can", options.can, "Interfaces vcan0 and vcan1 are up");
   auto* disk =
       app.add_option("--disk", options.disk,
@@ -274,22 +281,9 @@ int main(int argc, char** argv) {
   app.add_option("--cut-after", options.cut_after_s, "Cuts the power this long after the command's start [s]")
       ->check(CLI::Range(0.0, 3600.0));
   app.add_option("--since", options.since, "The cut counts from when this file is there");
-  app.add_option("--limit", options.limit_s, "Kills the machine when it runs longer, boot included [s]")
-      ->check(CLI::Range(1.0, 3600.0))
-      ->capture_default_str();
-  app.add_option("--memory", options.memory_mib, "Of the machine [MiB]")
-      ->check(CLI::Range(64, 4096))
-      ->capture_default_str();
+  app.shown("--limit", options.limit_s, "Kills the machine when it runs longer, boot included [s]", 1.0,
+            3600.0);
+  app.shown("--memory", options.memory_mib, "Of the machine [MiB]", 64, 4096);
   app.add_option("command", options.command, "Command and arguments, behind --")->required();
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kBadUsage;
-  }
-  try {
-    return run(options);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "uml_run: %s\n", error.what());
-    return kNoMachine;
-  }
+  return app.run("uml_run", argc, argv);
 }

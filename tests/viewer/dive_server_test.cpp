@@ -1,16 +1,11 @@
 #include "recon/topside/viewer/dive_server.hpp"
 
 #include <gtest/gtest.h>
-#include <httplib.h>
-// The resolver's header, which httplib brings, takes a name that Eigen uses.
-#undef _res
-
 #include <sys/stat.h>
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "realtime/base/input_error.hpp"
+#include "tests/support/http_client.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
@@ -28,10 +23,7 @@ class DiveServer : public testing::Test {
     write("mission/topside/tiles/0/0_0.glb", "0123456789");
     write("mission/img/PR_1_LC16.tif", "image");
   }
-  void write(const fs::path& name, const std::string& text) const {
-    fs::create_directories((root_ / name).parent_path());
-    std::ofstream(root_ / name, std::ios::binary) << text;
-  }
+  void write(const fs::path& name, const std::string& text) const { test::writeText(root_ / name, text); }
   test::TemporaryFolder scratch_;
   fs::path root_ = scratch_.path();
 };
@@ -123,12 +115,8 @@ TEST_F(DiveServer, ADiveWhoseImagesAreNotThereIsServedWithoutThem) {
 }
 
 TEST_F(DiveServer, AFolderWithoutADiveIsNamed) {
-  try {
-    (void)findDive(root_ / "page");
-    FAIL();
-  } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("holds no scene.json"), std::string::npos);
-  }
+  EXPECT_NE(test::refusal([&] { (void)findDive(root_ / "page"); }).find("holds no scene.json"),
+            std::string::npos);
   write("mission/topside/scene.json", "{\"format\":1,");
   EXPECT_THROW((void)findDive(root_ / "mission"), InputError);
 }

@@ -42,15 +42,13 @@ class HostileClients : public testing::Test {
     limit.rlim_cur = limit.rlim_max;
     ::setrlimit(RLIMIT_NOFILE, &limit);
   }
-  void write(const fs::path& name, const std::string& text) const {
-    fs::create_directories((root_ / name).parent_path());
-    std::ofstream(root_ / name, std::ios::binary) << text;
-  }
+  void write(const fs::path& name, const std::string& text) const { test::writeText(root_ / name, text); }
   void serve() {
-    PageServerConfig config;
-    config.page = root_ / "page";
-    config.option = "--port";
-    config.max_body_bytes = kMaxBody;
+    PageServerConfig config{.option = "--port",
+                            .max_body_bytes = kMaxBody,
+                            .page = root_ / "page",
+                            .more_scripts = {},
+                            .token = {}};
     Routes routes;
     routes.post("/api/echo", [this](const HttpRequest& request) {
       ++echoed_;
@@ -76,6 +74,18 @@ class HostileClients : public testing::Test {
   }
   void TearDown() override { release(); }
 
+  // Connections that have sent this.
+  static void connect(std::deque<RawClient>& clients, int port, int count, std::string_view bytes,
+                      int receive_buffer = 0) {
+    for (int i = 0; i < count; ++i) clients.emplace_back(port, receive_buffer).send(bytes);
+  }
+  // How much the server takes of a hundred parts.
+  static std::size_t sendParts(RawClient& client) {
+    const std::string part(1 << 20, 'x');
+    std::size_t taken = 0, sent = part.size();
+    for (int i = 0; i < 100 && sent == part.size(); ++i) taken += sent = client.send(part);
+    return taken;
+  }
   [[nodiscard]] double pageSeconds() const {
     const auto begin = Clock::now();
     const std::string page = answerTo(server_->port(), kPageRequest);
@@ -123,7 +133,6 @@ class HostileClients : public testing::Test {
 
 TEST_F(HostileClients, AHeadWithoutEndIsRefusedAtItsBound) {
   serve();
-  const std::string part(1 << 20, 'x');
   std::string many;
   for (int i = 0; i < 100'000; ++i) many += "X-" + std::to_string(i) + ": 1\r\n";
   std::string answer;
@@ -131,11 +140,7 @@ TEST_F(HostileClients, AHeadWithoutEndIsRefusedAtItsBound) {
   expectUnharmed(pageBeside([&] {
     RawClient line(server_->port());
     line.send("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Long: ");
-    for (int i = 0; i < 100; ++i) {
-      const std::size_t sent = line.send(part);
-      taken += sent;
-      if (sent < part.size()) break;
-    }
+    taken = sendParts(line);
     answer = answerTo(server_->port(), "GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n" + many);
     answerTo(server_->port(), "GET /" + std::string(100'000, 'a') + " HTTP/1.1\r\n\r\n");
   }));
@@ -151,11 +156,7 @@ TEST_F(HostileClients, ABodyBeyondItsBoundIsRefusedHoweverItIsFramed) {
   expectUnharmed(pageBeside([&] {
     RawClient large(server_->port());
     large.send(std::string(kPost) + "Content-Length: 104857600\r\n\r\n");
-    for (int i = 0; i < 100; ++i) {
-      const std::size_t sent = large.send(part);
-      taken += sent;
-      if (sent < part.size()) break;
-    }
+    taken = sendParts(large);
     plain =
         answerTo(server_->port(), std::string(kPost) + "Content-Length: 513\r\n\r\n" + std::string(513, 'x'));
     std::string small;
@@ -254,20 +255,14 @@ TEST_F(HostileClients, SlowReadersOfALargeFileAndOfLargeAnswersCostLittle) {
   serve();
   expectUnharmed(pageBeside([&] {
     std::deque<RawClient> clients;
-    for (int i = 0; i < 200; ++i) {
-      clients.emplace_back(server_->port(), 4096);
-      clients.back().send("GET /large.tif HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
-    }
+    connect(clients, server_->port(), 200, "GET /large.tif HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", 4096);
     std::this_thread::sleep_for(2s);
   }));
   const std::string whole = answerTo(server_->port(), "GET /large.tif HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
   EXPECT_TRUE(whole.ends_with(large));
   const std::size_t before = test::residentBytes();
   std::deque<RawClient> clients;
-  for (int i = 0; i < 120; ++i) {
-    clients.emplace_back(server_->port(), 4096);
-    clients.back().send("GET /large-answer HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
-  }
+  connect(clients, server_->port(), 120, "GET /large-answer HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", 4096);
   std::this_thread::sleep_for(1s);
   EXPECT_LT(pageSeconds(), kMostAnswer_s);
   const std::size_t grown = test::residentBytes() - std::min(before, test::residentBytes());
@@ -281,10 +276,7 @@ TEST_F(HostileClients, AnEventStreamThatIsNotReadIsDroppedAndTheOthersContinue) 
   bool dropped = false;
   expectUnharmed(pageBeside([&] {
     std::deque<RawClient> streams;
-    for (int i = 0; i < 40; ++i) {
-      streams.emplace_back(server_->port(), 4096);
-      streams.back().send("GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
-    }
+    connect(streams, server_->port(), 40, "GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", 4096);
     const auto begin = Clock::now();
     while (!dropped && rt::secondsSince(begin) < 20) {
       for (int i = 0; i < 100; ++i) server_->publish(event + std::to_string(i));
@@ -306,10 +298,7 @@ TEST_F(HostileClients, AnEventStreamThatIsNotReadIsDroppedAndTheOthersContinue) 
 TEST_F(HostileClients, LongWorkDelaysNoOtherAnswerAndIsBounded) {
   serve();
   std::deque<RawClient> clients;
-  for (int i = 0; i < 20; ++i) {
-    clients.emplace_back(server_->port());
-    clients.back().send("GET /slow HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
-  }
+  connect(clients, server_->port(), 20, "GET /slow HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n");
   EXPECT_LT(pageSeconds(), kMostAnswer_s);
   std::this_thread::sleep_for(200ms);
   release();
@@ -354,17 +343,11 @@ TEST_F(HostileClients, WithoutDescriptorsTheServerWaitsAndContinues) {
   int port = 0;
   ASSERT_EQ(::read(ports[0], &port, sizeof port), static_cast<ssize_t>(sizeof port));
   std::deque<RawClient> clients;
-  for (int i = 0; i < 100; ++i) {
-    clients.emplace_back(port);
-    clients.back().send("GET ");
-  }
+  connect(clients, port, 100, "GET ");
   std::this_thread::sleep_for(2s);
   ASSERT_EQ(::write(orders[1], "g", 1), 1);
   ASSERT_EQ(::read(ports[0], &port, sizeof port), static_cast<ssize_t>(sizeof port));
-  for (int i = 0; i < 200; ++i) {  // more than it has, idle
-    clients.emplace_back(port);
-    clients.back().send("GET ");
-  }
+  connect(clients, port, 200, "GET ");  // more than it has, idle
   const auto begin = Clock::now();
   const std::string page = answerTo(port, kPageRequest);
   std::printf("with descriptors again: page within %.3f s\n", rt::secondsSince(begin));

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
+#include "realtime/base/units.hpp"
 #include "realtime/kernel/time/clock_line.hpp"
 
 namespace fathom::io {
@@ -82,6 +84,79 @@ class CameraClockMap {
   bool reopened_ = false;
   int late_ = 0;  // frames in a row that came far too late after the camera was opened again
   std::uint64_t resets_ = 0, clamped_ = 0, unsynchronised_ = 0;
+};
+
+// Decides when a free-running camera that was opened but sends no first frame is opened again. The wait
+// doubles after each opening in vain, up to a minute, since a camera may begin late (warm-up, IEEE 1588). Not
+// for cameras that wait for a trigger's edge.
+class FirstFrameWait {
+ public:
+  static constexpr std::int64_t kLongestNs = 60 * kSecond_ns;
+
+  // `first_ns`: some periods and a camera's start.
+  constexpr explicit FirstFrameWait(std::int64_t first_ns) noexcept
+      : first_ns_(first_ns), wait_ns_(first_ns) {}
+
+  void opened(std::int64_t now_ns) noexcept {
+    waits_ = true;
+    opened_ns_ = now_ns;
+  }
+  void frameCame() noexcept {
+    waits_ = false;
+    wait_ns_ = first_ns_;
+  }
+  // True once an opening.
+  [[nodiscard]] bool overdue(std::int64_t now_ns) noexcept {
+    if (!waits_ || now_ns - opened_ns_ <= wait_ns_) return false;
+    waits_ = false;
+    wait_ns_ = std::min(2 * wait_ns_, std::max(kLongestNs, first_ns_));
+    return true;
+  }
+
+ private:
+  std::int64_t first_ns_, wait_ns_, opened_ns_ = 0;
+  bool waits_ = false;
+};
+
+// Turns the frame ids of GigE Vision cameras into a number that only grows: 16-bit ids go 1, 2 ...
+// 65535, 1 (0 is never used), 64-bit ids of GigE Vision 2 as they are.
+//
+// The time stamp, not the id, shows whether a frame is new. An id further from the one before than there can
+// have been exposures is a jump: counting continues by one from there.
+class FrameIdUnwrap {
+ public:
+  struct Step {
+    std::uint64_t id = 0;      // grows by one an exposure
+    std::uint64_t missed = 0;  // ids between the newest and this one that never came
+    bool jumped = false;
+  };
+
+  // The id of a frame newer than every one before it. `most_missed`: more than so many cannot have been
+  // exposed in between.
+  [[nodiscard]] Step add(std::uint64_t device_id, std::uint64_t most_missed) noexcept {
+    if (device_id > kLast16) wide_ = true;
+    const std::uint64_t ahead = wide_ ? device_id - device_ : (device_id + kLast16 - device_) % kLast16;
+    device_ = device_id;
+    if (!any_ || restarted_) {
+      // A camera that started again may count from any number; here the next number follows.
+      newest_ = any_ ? newest_ + 1 : device_id;
+      any_ = true;
+      restarted_ = false;
+      return {newest_, 0, false};
+    }
+    if (ahead == 0 || ahead - 1 > most_missed) return {++newest_, 0, true};
+    newest_ += ahead;
+    return {newest_, ahead - 1, false};
+  }
+
+  // The camera was started again: so were its ids.
+  void restart() noexcept { restarted_ = true; }
+
+ private:
+  static constexpr std::uint64_t kLast16 = 65535;
+  bool any_ = false, restarted_ = false, wide_ = false;
+  std::uint64_t device_ = 0;  // newest as the device has it
+  std::uint64_t newest_ = 0;
 };
 
 }  // namespace fathom::io

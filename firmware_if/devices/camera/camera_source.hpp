@@ -41,8 +41,8 @@ class CameraSource {
   [[nodiscard]] virtual rt::SharedBlocks& pool() noexcept = 0;
   // The pixels of a frame that the caller holds.
   [[nodiscard]] virtual ImageView view(const CameraFrame& frame) noexcept = 0;
-  virtual void updateHealth(DeviceHealth& health) const noexcept = 0;  // only on the polling thread
-  [[nodiscard]] virtual DeviceHealth health() const = 0;               // set-up only
+  // Takes no memory. Only on the polling thread.
+  [[nodiscard]] virtual DeviceHealth health() const = 0;
 };
 
 }  // namespace fathom::io

@@ -207,27 +207,19 @@ ImageView GigeCamera::view(const CameraFrame& frame) noexcept {
 DeviceHealth GigeCamera::health() const {
   DeviceHealth health;
   health.name = impl_->config.side == CameraSide::kLeft ? "camera_left" : "camera_right";
-  for (const std::string_view name : kNames) health.counters.emplace_back(name, 0);
-  updateHealth(health);
-  return health;
-}
-
-void GigeCamera::updateHealth(DeviceHealth& health) const noexcept {
   health.open = impl_->camera != nullptr;
   health.reason = impl_->failure;
   health.last_data_ns = impl_->last_data_ns;
   health.samples = impl_->frames;
   health.disconnects = impl_->disconnects;
-  for (std::size_t i = 0; i < kCounts && i < health.counters.size(); ++i)
-    health.counters[i].second = impl_->counts[i];
-  const auto set = [&](Count what, std::uint64_t value) {
-    if (static_cast<std::size_t>(what) < health.counters.size())
-      health.counters[static_cast<std::size_t>(what)].second = value;
-  };
+  auto counts = impl_->counts;
+  const auto set = [&](Count what, std::uint64_t value) { counts[static_cast<std::size_t>(what)] = value; };
   set(Count::kClockResets, impl_->clock.resets());
   set(Count::kClockHeld, impl_->clock.clamped());
   set(Count::kPtpApart, impl_->clock.unsynchronised());
   set(Count::kPriorityRefused, impl_->priority_refused.load(std::memory_order_relaxed) ? 1 : 0);
+  for (std::size_t i = 0; i < kCounts; ++i) health.counters.add({kNames[i], counts[i]});
+  return health;
 }
 
 const std::string& GigeCamera::lastFailure() const noexcept {

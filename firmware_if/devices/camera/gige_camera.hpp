@@ -54,7 +54,6 @@ class GigeCamera final : public CameraSource {
   void close() noexcept override;
   [[nodiscard]] rt::SharedBlocks& pool() noexcept override;
   [[nodiscard]] ImageView view(const CameraFrame& frame) noexcept override;
-  void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
 
   // On the polling thread: why the last attempt to open failed, empty when it did not; and what the open

@@ -9,8 +9,6 @@
 
 #include "firmware_if/devices/camera/camera_clock_map.hpp"
 #include "firmware_if/devices/camera/camera_setup.hpp"
-#include "firmware_if/devices/camera/first_frame_wait.hpp"
-#include "firmware_if/devices/camera/frame_id_unwrap.hpp"
 #include "firmware_if/devices/camera/gige_camera.hpp"
 #include "firmware_if/devices/vehicle_time.hpp"
 #include "realtime/base/units.hpp"

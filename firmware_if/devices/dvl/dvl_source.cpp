@@ -13,9 +13,6 @@ namespace {
 
 using Format = DvlConfig::Format;
 
-constexpr std::array<std::string_view, DvlSource::kCounters> kDvlCounterNames = {
-    "ensembles", "no_bottom_track", "no_velocity", "no_time", "silences",        "bad_checksum", "malformed",
-    "resynced",  "skipped_bytes",   "clock_leaps", "late",    "clock_offset_ms", "bytes"};
 constexpr double kStampResolution = 0.01;  // of every format [s]
 // A flood of bytes must not hold the thread: the rest waits for the next poll.
 constexpr int kMaxReads = 16;
@@ -152,47 +149,36 @@ void DvlSource::ensemble(Format format, std::span<const std::uint8_t> raw, std::
   sink.sample(arrival_ns, out);
 }
 
-std::array<std::uint64_t, DvlSource::kCounters> DvlSource::counters() const noexcept {
+DeviceHealth DvlSource::health() const {
   const bool pd0 = reads(Format::kPd0), pd45 = reads(Format::kPd4) || reads(Format::kPd5);
   const EnsembleStream::Counts& of_pd0 = pd0_.counts();
   const EnsembleStream::Counts& of_pd45 = pd45_.counts();
   const Pd6Decoder::Counts& of_pd6 = pd6_.counts();
-  return {ensembles_,
-          no_bottom_track_,
-          no_velocity_,
-          no_time_,
-          silences_,
-          of_pd0.bad_checksum + of_pd45.bad_checksum,
-          of_pd0.malformed + (format_ == Format::kPd6 ? of_pd6.bad_lines : 0),
-          pd0    ? of_pd0.resynced
-          : pd45 ? of_pd45.resynced
-                 : 0,
-          pd0    ? of_pd0.skipped_bytes
-          : pd45 ? of_pd45.skipped_bytes
-                 : of_pd6.skipped_bytes,
-          clock_.leaps(),
-          clock_.late(),
-          static_cast<std::uint64_t>(std::abs(clock_.offset() * 1e3)),
-          position_};
-}
-
-DeviceHealth DvlSource::health() const {
   DeviceHealth health;
   health.name = "dvl";
-  for (const std::string_view name : kDvlCounterNames) health.counters.emplace_back(name, 0);
-  updateHealth(health);
-  return health;
-}
-
-void DvlSource::updateHealth(DeviceHealth& health) const noexcept {
   health.open = stream_->isOpen();
   health.reason = stream_->reason();
   health.last_data_ns = last_sample_ns_;
   health.samples = samples_;
   health.disconnects = stream_->disconnects();
-  const auto values = counters();
-  for (std::size_t i = 0; i < values.size() && i < health.counters.size(); ++i)
-    health.counters[i].second = values[i];
+  health.counters = {{"ensembles", ensembles_},
+                     {"no_bottom_track", no_bottom_track_},
+                     {"no_velocity", no_velocity_},
+                     {"no_time", no_time_},
+                     {"silences", silences_},
+                     {"bad_checksum", of_pd0.bad_checksum + of_pd45.bad_checksum},
+                     {"malformed", of_pd0.malformed + (format_ == Format::kPd6 ? of_pd6.bad_lines : 0)},
+                     {"resynced", pd0    ? of_pd0.resynced
+                                  : pd45 ? of_pd45.resynced
+                                         : 0},
+                     {"skipped_bytes", pd0    ? of_pd0.skipped_bytes
+                                       : pd45 ? of_pd45.skipped_bytes
+                                              : of_pd6.skipped_bytes},
+                     {"clock_leaps", clock_.leaps()},
+                     {"late", clock_.late()},
+                     {"clock_offset_ms", static_cast<std::uint64_t>(std::abs(clock_.offset() * 1e3))},
+                     {"bytes", position_}};
+  return health;
 }
 
 }  // namespace fathom::io

@@ -7,7 +7,6 @@
 #include <string>
 
 #include "firmware_if/devices/byte_stream.hpp"
-#include "firmware_if/devices/device_clock.hpp"
 #include "firmware_if/devices/dvl/pd0_decoder.hpp"
 #include "firmware_if/devices/dvl/pd45_decoder.hpp"
 #include "firmware_if/devices/dvl/pd6_decoder.hpp"
@@ -38,15 +37,12 @@ void visitDvl(KeyVisitor& keys, DvlConfig& config);
 // track give no sample, and are counted and kept raw. Takes no memory after construction.
 class DvlSource final : public SampleSource {
  public:
-  static constexpr std::size_t kCounters = 13;  // of health()
-
   // Throws InputError for a device that can never be used; a serial line that is not there is waited for.
   DvlSource(const DvlConfig& config, VehicleTime now);
   // The same over a stream that is given: tests, predive.
   DvlSource(const DvlConfig& config, VehicleTime now, std::unique_ptr<ByteStream> stream);
 
   bool poll(int timeout_ms, SampleSink& sink) override;
-  void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
 
   // The format found; kAuto: none yet.
@@ -67,7 +63,6 @@ class DvlSource final : public SampleSource {
                 const std::optional<DvlSample>& sample, SampleSink& sink) noexcept;
   [[nodiscard]] std::int64_t arrivalOf(std::uint64_t position) const noexcept;
   [[nodiscard]] bool reads(DvlConfig::Format format) const noexcept;
-  [[nodiscard]] std::array<std::uint64_t, kCounters> counters() const noexcept;
 
   DvlConfig config_;
   VehicleTime now_;

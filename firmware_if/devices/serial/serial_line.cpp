@@ -22,24 +22,11 @@ struct BaudRate {
   int baud;
   speed_t code;
 };
-constexpr std::array<BaudRate, 18> kRates = {{{300, B300},
-                                              {600, B600},
-                                              {1200, B1200},
-                                              {2400, B2400},
-                                              {4800, B4800},
-                                              {9600, B9600},
-                                              {19200, B19200},
-                                              {38400, B38400},
-                                              {57600, B57600},
-                                              {115200, B115200},
-                                              {230400, B230400},
-                                              {460800, B460800},
-                                              {500000, B500000},
-                                              {921600, B921600},
-                                              {1000000, B1000000},
-                                              {1500000, B1500000},
-                                              {2000000, B2000000},
-                                              {3000000, B3000000}}};
+constexpr BaudRate kRates[] = {
+    {300, B300},         {600, B600},         {1200, B1200},      {2400, B2400},     {4800, B4800},
+    {9600, B9600},       {19200, B19200},     {38400, B38400},    {57600, B57600},   {115200, B115200},
+    {230400, B230400},   {460800, B460800},   {500000, B500000},  {921600, B921600}, {1000000, B1000000},
+    {1500000, B1500000}, {2000000, B2000000}, {3000000, B3000000}};
 
 speed_t rateCode(const std::string& device, int baud) {
   for (const BaudRate& rate : kRates)
@@ -60,7 +47,7 @@ void askLowLatency(int fd) noexcept {
 }  // namespace
 
 bool SerialLine::knownRate(int baud) noexcept {
-  return std::any_of(kRates.begin(), kRates.end(), [&](const BaudRate& rate) { return rate.baud == baud; });
+  return std::ranges::any_of(kRates, [&](const BaudRate& rate) { return rate.baud == baud; });
 }
 
 std::string SerialLine::rates() {

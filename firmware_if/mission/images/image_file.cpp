@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "firmware_if/mission/images/image_pixels.hpp"
-#include "firmware_if/mission/images/tiff_codec.hpp"
 #include "realtime/base/civil_time.hpp"
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/files/input_file.hpp"

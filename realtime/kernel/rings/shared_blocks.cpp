@@ -1,5 +1,10 @@
 #include "realtime/kernel/rings/shared_blocks.hpp"
 
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <cassert>
 #include <cerrno>
 #include <string>
@@ -9,6 +14,15 @@
 
 namespace fathom::rt {
 namespace {
+
+std::size_t wholePages(std::size_t bytes) {
+  const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+  constexpr std::size_t kMost = std::size_t{1} << 42;
+  if (bytes == 0 || bytes > kMost)
+    throw std::system_error(EINVAL, std::generic_category(),
+                            "shared memory of " + std::to_string(bytes) + " bytes");
+  return (bytes + page - 1) / page * page;
+}
 
 constexpr std::size_t kMostBytes = std::size_t{1} << 40;  // no pool is meant to be larger
 
@@ -21,6 +35,45 @@ std::size_t strideOf(std::size_t blocks, std::size_t block_bytes) {
 }
 
 }  // namespace
+
+SharedMemory::SharedMemory(std::size_t bytes)
+    : file_(::memfd_create("fathom", MFD_CLOEXEC)), bytes_(wholePages(bytes)) {
+  // Blocks taken at once: a machine without memory says so here and not by a signal later.
+  const int failed = file_ < 0 ? errno : ::posix_fallocate(file_, 0, static_cast<off_t>(bytes_));
+  if (failed != 0) {
+    if (file_ >= 0) ::close(file_);
+    throw std::system_error(failed, std::generic_category(),
+                            "no shared memory for " + std::to_string(bytes_) + " bytes");
+  }
+  map(true);
+}
+
+SharedMemory::SharedMemory(int file, std::size_t bytes, bool writable)
+    : file_(file), bytes_(wholePages(bytes)) {
+  struct stat there {};
+  if (::fstat(file_, &there) != 0 || static_cast<std::uint64_t>(there.st_size) < bytes_) {
+    ::close(file_);
+    throw std::system_error(EINVAL, std::generic_category(), "shared memory that is not there");
+  }
+  map(writable);
+}
+
+void SharedMemory::map(bool writable) {
+  // Every page at once, so that nobody faults later.
+  void* memory = ::mmap(nullptr, bytes_, writable ? PROT_READ | PROT_WRITE : PROT_READ,
+                        MAP_SHARED | MAP_POPULATE, file_, 0);
+  if (memory == MAP_FAILED) {
+    const int error = errno;
+    ::close(file_);
+    throw std::system_error(error, std::generic_category(), "shared memory cannot be mapped");
+  }
+  data_ = static_cast<std::byte*>(memory);
+}
+
+SharedMemory::~SharedMemory() {
+  ::munmap(data_, bytes_);
+  ::close(file_);
+}
 
 SharedBlocks::SharedBlocks(std::size_t blocks, std::size_t block_bytes)
     : count_(blocks),

@@ -12,10 +12,11 @@
 #include <fstream>
 #include <string_view>
 #include <system_error>
+#include <utility>
 
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 
 namespace fathom::rt {
 namespace {
@@ -55,32 +56,36 @@ bool hasCapability(int number) {
 constexpr int kCapIpcLock = 14;  // linux/capability.h
 constexpr const char* kLockedMemory = "locked memory";
 
-ArmingCheck checkPriority(const RealtimeConfig& config) {
-  const int priority = highestPriority(config);
+// `missing` and `grant` are of a check that is not met.
+ArmingCheck checked(bool ok, std::string name, std::string found, std::string missing, std::string grant) {
   ArmingCheck check;
-  check.name = "SCHED_FIFO";
-  ThreadConfig thread;
-  thread.name = "arming";
-  thread.fifo_priority = priority;
-  RtThread trial(thread);
-  const bool started = trial.start([] {});
-  trial.join();
-  const rlim_t limit = limitOf(RLIMIT_RTPRIO).rlim_cur;
-  check.ok = started && trial.refused().empty();
-  check.found =
-      check.ok ? "priority " + std::to_string(priority) + " granted" : "RLIMIT_RTPRIO " + limitText(limit);
-  if (!check.ok) {
-    check.missing = "priority " + std::to_string(priority) + " refused (" +
-                    (trial.refused().empty() ? "no thread" : trial.refused().front()) +
-                    "), RLIMIT_RTPRIO is " + limitText(limit);
-    check.grant = "LimitRTPRIO=" + std::to_string(priority) + " or AmbientCapabilities=CAP_SYS_NICE";
-  }
+  check.name = std::move(name);
+  check.ok = ok;
+  check.found = std::move(found);
+  if (ok) return check;
+  check.missing = std::move(missing);
+  check.grant = std::move(grant);
   return check;
 }
 
+ArmingCheck checkPriority(const RealtimeConfig& config) {
+  const std::string priority = std::to_string(highestPriority(config));
+  ThreadConfig thread;
+  thread.name = "arming";
+  thread.fifo_priority = highestPriority(config);
+  RtThread trial(thread);
+  const bool started = trial.start([] {});
+  trial.join();
+  const std::string limit = limitText(limitOf(RLIMIT_RTPRIO).rlim_cur);
+  const bool ok = started && trial.refused().empty();
+  return checked(ok, "SCHED_FIFO", ok ? "priority " + priority + " granted" : "RLIMIT_RTPRIO " + limit,
+                 "priority " + priority + " refused (" +
+                     (trial.refused().empty() ? "no thread" : trial.refused().front()) +
+                     "), RLIMIT_RTPRIO is " + limit,
+                 "LimitRTPRIO=" + priority + " or AmbientCapabilities=CAP_SYS_NICE");
+}
+
 ArmingCheck checkCpus(const RealtimeConfig& config) {
-  ArmingCheck check;
-  check.name = "CPUs";
   cpu_set_t allowed;
   CPU_ZERO(&allowed);
   ::sched_getaffinity(0, sizeof allowed, &allowed);
@@ -89,27 +94,18 @@ ArmingCheck checkCpus(const RealtimeConfig& config) {
     for (const int cpu : *list)
       if (cpu >= CPU_SETSIZE || !CPU_ISSET(static_cast<std::size_t>(cpu), &allowed))
         refused += (refused.empty() ? "" : ", ") + std::to_string(cpu);
-  check.ok = refused.empty();
-  check.found =
-      std::to_string(CPU_COUNT(&allowed)) + " allowed of " + std::to_string(::sysconf(_SC_NPROCESSORS_ONLN));
-  if (!check.ok) {
-    check.missing = "CPU " + refused + " of [realtime] is absent or not allowed";
-    check.grant = "CPUAffinity= with these CPUs, or none; or correct hard_cpus, soft_cpus, best_effort_cpus";
-  }
-  return check;
+  return checked(
+      refused.empty(), "CPUs",
+      std::to_string(CPU_COUNT(&allowed)) + " allowed of " + std::to_string(::sysconf(_SC_NPROCESSORS_ONLN)),
+      "CPU " + refused + " of [realtime] is absent or not allowed",
+      "CPUAffinity= with these CPUs, or none; or correct hard_cpus, soft_cpus, best_effort_cpus");
 }
 
 ArmingCheck checkBudget(const MemoryBudget& budget) {
-  ArmingCheck check;
-  check.name = "memory budget";
-  check.found = mibText(budget.plannedBytes()) + " planned of " + mibText(budget.budgetBytes());
-  check.ok = budget.fits();
-  if (!check.ok) {
-    check.missing = "the pools need " + mibText(budget.plannedBytes()) + ", [memory] budget_mib allows " +
-                    mibText(budget.budgetBytes());
-    check.grant = "raise budget_mib, or make pools smaller (--print-budget lists them)";
-  }
-  return check;
+  const std::string planned = mibText(budget.plannedBytes()), allowed = mibText(budget.budgetBytes());
+  return checked(budget.fits(), "memory budget", planned + " planned of " + allowed,
+                 "the pools need " + planned + ", [memory] budget_mib allows " + allowed,
+                 "raise budget_mib, or make pools smaller (--print-budget lists them)");
 }
 
 // Reads "Key:  123 kB" of /proc/meminfo [bytes]; 0 where it does not say.
@@ -121,18 +117,12 @@ std::size_t memInfo(std::string_view key) {
 }
 
 ArmingCheck checkAvailable(const MemoryBudget& budget, std::size_t resident) {
-  ArmingCheck check;
-  check.name = "memory of the machine";
-  const std::size_t available = memInfo("MemAvailable");
-  const std::size_t planned = budget.plannedBytes();
+  const std::size_t available = memInfo("MemAvailable"), planned = budget.plannedBytes();
   const std::size_t to_come = planned > resident ? planned - resident : 0;
-  check.found = mibText(available) + " available";
-  check.ok = available == 0 || available >= to_come;
-  if (!check.ok) {
-    check.missing = mibText(to_come) + " still to be taken, " + mibText(available) + " available";
-    check.grant = "end other programs, or lower the budget";
-  }
-  return check;
+  const std::string found = mibText(available) + " available";
+  return checked(available == 0 || available >= to_come, "memory of the machine", found,
+                 mibText(to_come) + " still to be taken, " + found,
+                 "end other programs, or lower the budget");
 }
 
 std::string lockGrant() {
@@ -140,18 +130,14 @@ std::string lockGrant() {
 }
 
 ArmingCheck checkLockLimit(const MemoryBudget& budget) {
-  ArmingCheck check;
-  check.name = kLockedMemory;
   const rlim_t limit = limitOf(RLIMIT_MEMLOCK).rlim_cur;
+  const bool capable = hasCapability(kCapIpcLock);
   // mlockall counts address space, so that a finite limit is hardly ever sufficient; the attempt decides.
-  check.ok = hasCapability(kCapIpcLock) || limit == RLIM_INFINITY || limit >= budget.budgetBytes();
-  check.found = hasCapability(kCapIpcLock) ? "CAP_IPC_LOCK" : "RLIMIT_MEMLOCK " + limitText(limit);
-  if (!check.ok) {
-    check.missing =
-        "RLIMIT_MEMLOCK is " + limitText(limit) + " bytes, the budget " + mibText(budget.budgetBytes());
-    check.grant = lockGrant();
-  }
-  return check;
+  return checked(
+      capable || limit == RLIM_INFINITY || limit >= budget.budgetBytes(), kLockedMemory,
+      capable ? "CAP_IPC_LOCK" : "RLIMIT_MEMLOCK " + limitText(limit),
+      "RLIMIT_MEMLOCK is " + limitText(limit) + " bytes, the budget " + mibText(budget.budgetBytes()),
+      lockGrant());
 }
 
 void lockMemory(ArmingCheck& check) {
@@ -170,24 +156,16 @@ void lockMemory(ArmingCheck& check) {
 
 // Resident set once everything is in place: reveals memory that the plan omits.
 ArmingCheck checkResident(const MemoryBudget& budget) {
-  ArmingCheck check;
-  check.name = "resident set";
   const std::size_t resident = exactResidentBytes();
-  check.found = mibText(resident) + " of " + mibText(budget.budgetBytes());
-  check.ok = resident <= budget.budgetBytes();
-  if (!check.ok) {
-    check.missing =
-        mibText(resident) + " are resident, [memory] budget_mib allows " + mibText(budget.budgetBytes());
-    check.grant = "raise budget_mib, or make pools or heap_mib smaller (--print-budget lists them)";
-  }
-  return check;
+  const std::string is = mibText(resident), allowed = mibText(budget.budgetBytes());
+  return checked(resident <= budget.budgetBytes(), "resident set", is + " of " + allowed,
+                 is + " are resident, [memory] budget_mib allows " + allowed,
+                 "raise budget_mib, or make pools or heap_mib smaller (--print-budget lists them)");
 }
 
 ArmingCheck note(std::string name, std::string found) {
-  ArmingCheck check;
-  check.name = std::move(name);
+  ArmingCheck check = checked(true, std::move(name), std::move(found), "", "");
   check.required = false;
-  check.found = std::move(found);
   return check;
 }
 
@@ -247,14 +225,10 @@ ArmingResult arm(const RealtimeConfig& realtime, const MemoryBudget& budget, Hea
                  std::size_t heap_bytes) {
   ArmingResult result = checkArming(realtime, budget);
   if (!result.armed()) return result;
-  ArmingCheck reserve;
-  reserve.name = "heap reserve";
-  reserve.found = mibText(heap_bytes) + " taken";
-  reserve.ok = heap.reserve(heap_bytes);
-  if (!reserve.ok) {
-    reserve.missing = "the system has no " + mibText(heap_bytes) + " for it";
-    reserve.grant = "lower heap_mib, or give the machine more memory";
-  }
+  const ArmingCheck reserve =
+      checked(heap.reserve(heap_bytes), "heap reserve", mibText(heap_bytes) + " taken",
+              "the system has no " + mibText(heap_bytes) + " for it",
+              "lower heap_mib, or give the machine more memory");
   lockMemory(*std::find_if(result.checks.begin(), result.checks.end(),
                            [](const ArmingCheck& c) { return c.name == kLockedMemory; }));
   result.checks.push_back(reserve);

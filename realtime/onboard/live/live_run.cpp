@@ -38,6 +38,10 @@ constexpr double kTimeline_s = 1, kTraceEvery_s = 10;
 constexpr double kLeaveWithin_s = 10;
 constexpr const char* kThisProgram = "/proc/self/exe";
 
+void say(const std::string& line) {
+  std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
+}
+
 // What a signal asks for. SIGINT and SIGUSR1 (fathom-onboard --end) end the dive; SIGTERM, as at a shutdown
 // or a restart of the unit, ends the program, and the dive continues when it is started again. A second
 // SIGTERM ends at once.
@@ -65,8 +69,9 @@ void listenToSignals() {
   for (const int signal : {SIGHUP, SIGPIPE}) ::sigaction(signal, &action, nullptr);
 }
 
+// `bus` and `can`: null where there is none.
 LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& mission,
-                        const std::shared_ptr<io::LcmBus>& bus, const rt::VehicleClock& clock,
+                        const rt::VehicleClock& clock, std::shared_ptr<io::LcmBus>& bus,
                         io::CanSource*& can) {
   const auto now = [&clock] { return clock.utcNs(); };
   const auto state = [&clock] { return rt::clockState(clock); };
@@ -77,9 +82,11 @@ LiveDevices openDevices(const LiveConfig& config, const io::MissionConfig& missi
     can = source.get();
     devices.samples.push_back(std::move(source));
   }
-  if (bus)
+  if (!config.lcm.url.empty()) {
+    bus = std::make_shared<io::LcmBus>(config.lcm.url);
     devices.samples.push_back(
         std::make_unique<io::LcmSource>(config.lcm, bus, mission.vehicle_name, now, state));
+  }
   devices.left = std::make_unique<io::GigeCamera>(config.cameras.side[0], now, state);
   devices.right = std::make_unique<io::GigeCamera>(config.cameras.side[1], now, state);
   if (!config.modem.empty()) devices.modem = io::openFramePort(config.modem, "[modem] device");
@@ -155,8 +162,7 @@ Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleC
   double next_status = kStatusEvery_s;
   while (asked == 0) {
     rt::restFor(kSupervise_ns);
-    for (const std::string& event : live.supervise())
-      std::fprintf(stderr, "fathom-onboard: %s\n", event.c_str());
+    for (const std::string& event : live.supervise()) say(event);
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
     if (traces != nullptr) traces->look(since_s);
     if (options.for_s > 0 && since_s >= options.for_s) return Asked::kEnd;
@@ -167,10 +173,6 @@ Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleC
     std::fprintf(stderr, "%s\n", line.c_str());
   }
   return static_cast<Asked>(asked);
-}
-
-void say(const std::string& line) {
-  std::fprintf(stderr, "fathom-onboard: %s\n", line.c_str());
 }
 
 // Everything about the run itself, beside what the mapper wrote; where that is missing, alone.
@@ -259,9 +261,8 @@ int printBudget(const LiveOptions& options, OnboardConfig config, const io::Miss
   rt::VehicleClock clock(rt::VehicleClock::systemOffsetNs());
   std::shared_ptr<io::LcmBus> bus;
   io::CanSource* can = nullptr;
-  if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   LiveSystem live({folder.path(), config, mission, rig, kThisProgram, options.config},
-                  openDevices(config.live, mission, bus, clock, can), clock);
+                  openDevices(config.live, mission, clock, bus, can), clock);
   // runLive()'s own, for its stack.
   (void)live.addBestEffort(
       "publisher", [] {}, [] { return kSupervise_ns; });
@@ -290,12 +291,11 @@ int runLive(const LiveOptions& options) {
         " s behind the recording; the vehicle's time continues from its end");
   std::shared_ptr<io::LcmBus> bus;
   io::CanSource* can = nullptr;
-  if (!config.live.lcm.url.empty()) bus = std::make_shared<io::LcmBus>(config.live.lcm.url);
   // It outlives the threads that it reports on, also when this function throws.
   std::unique_ptr<StatusPublisher> publisher;
   LiveSystem live({options.folder, config, mission, rig, kThisProgram, options.config,
                    rt::ServiceNotify::kept() ? endLost : std::function<void(const std::string&)>()},
-                  openDevices(config.live, mission, bus, clock, can), clock);
+                  openDevices(config.live, mission, clock, bus, can), clock);
   const std::size_t lane = live.addBestEffort(
       "publisher",
       [&publisher, &can] {

@@ -8,9 +8,9 @@
 
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/fault_point.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/kernel/threads/service_notify.hpp"
-#include "realtime/onboard/live/program_watch.hpp"
+#include "realtime/onboard/live/watched_threads.hpp"
 
 namespace fathom::onboard {
 namespace {

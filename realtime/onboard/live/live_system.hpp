@@ -17,19 +17,29 @@
 #include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/kernel/threads/arming.hpp"
 #include "realtime/kernel/threads/realtime_config.hpp"
-#include "realtime/kernel/time/periodic_loop.hpp"
+#include "realtime/kernel/time/clock.hpp"
 #include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/live/devices/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
-#include "realtime/onboard/live/live_report.hpp"
-#include "realtime/onboard/live/part_states.hpp"
-#include "realtime/onboard/live/program_watch.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "realtime/onboard/live/supervisor.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
-#include "realtime/onboard/mapper/mapper_child.hpp"
+#include "realtime/onboard/mapper/mapper_keeper.hpp"
 
 namespace fathom::onboard {
+
+class LiveSystem;
+
+struct ThreadFigures {
+  std::string name;
+  double cpu_s = 0;
+};
+// Of every thread of this process, the busiest first.
+[[nodiscard]] std::vector<ThreadFigures> cpuTimes();
+// live.json, when the survey has ended.
+[[nodiscard]] std::string liveJson(const LiveSystem& live_system, double wall_s);
+// The last `seconds` of all tiers, in Chrome's trace format; while they run.
+[[nodiscard]] std::string timelineOf(const LiveSystem& live, std::int64_t now_ns, double seconds);
 
 // What the vehicle has; any may be absent but the cameras.
 struct LiveDevices {

@@ -5,7 +5,7 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "firmware_if/mission/log/log_inputs.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 #include "realtime/base/bytes/state_archive.hpp"
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"

@@ -7,7 +7,7 @@
 #include "firmware_if/devices/lcm/health_report.hpp"
 #include "firmware_if/devices/lcm/lcm_source.hpp"
 #include "realtime/kernel/health/system_status.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "recon/geometry/geodesy.hpp"
 

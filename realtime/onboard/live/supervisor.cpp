@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "realtime/kernel/fault_point.hpp"
-#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -8,11 +8,9 @@
 
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/time/vehicle_clock.hpp"
-#include "realtime/onboard/live/devices/own_status.hpp"
+#include "realtime/onboard/live/devices/device_threads.hpp"
 #include "realtime/onboard/live/hard_tier.hpp"
-#include "realtime/onboard/live/part_states.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
-#include "realtime/onboard/mapper/mapper_child.hpp"
 #include "realtime/onboard/mapper/mapper_keeper.hpp"
 
 namespace fathom::onboard {

@@ -6,7 +6,7 @@
 
 #include "realtime/base/units.hpp"
 #include "recon/calibration/rig_history.hpp"
-#include "recon/geometry/symmetric_eigen.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::onboard {
 namespace {

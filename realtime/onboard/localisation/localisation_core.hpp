@@ -8,7 +8,6 @@
 
 #include "realtime/kernel/rings/fixed_queue.hpp"
 #include "realtime/onboard/localisation/keyframe_features.hpp"
-#include "realtime/onboard/localisation/keyframe_selection.hpp"
 #include "realtime/onboard/localisation/localisation_config.hpp"
 #include "realtime/onboard/localisation/online_closure_search.hpp"
 #include "recon/closure/feature_extractor.hpp"

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <tuple>
 
-#include "recon/closure/registration_checks.hpp"
-#include "recon/geometry/symmetric_eigen.hpp"
+#include "recon/closure/registration.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::onboard {
 namespace {

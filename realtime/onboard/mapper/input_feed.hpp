@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -7,10 +9,62 @@
 #include <optional>
 #include <string>
 
-#include "firmware_if/mission/log/log_inputs.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/kernel/rings/shared_blocks.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 
 namespace fathom::onboard {
+
+// Frames that the mapper holds: those with stamps still waiting in the log, or a pair not yet mapped.
+// Bounded: the oldest frame without partner is given back when a newer one needs its place. The vehicle lends
+// the frames and keeps their pixels until they are given back (FrameLender), whatever the mapper does.
+class HeldFrames {
+ public:
+  // Both cameras' pools, mapped. `most`: frames held of a camera.
+  HeldFrames(const MapperDown& down, MapperUp& up, int left_pool, int right_pool, std::size_t most);
+  ~HeldFrames();
+  HeldFrames(const HeldFrames&) = delete;
+  HeldFrames& operator=(const HeldFrames&) = delete;
+
+  // Whether the frame of an exposure is held, by its file's name, with usable pixels or not.
+  [[nodiscard]] bool has(const std::string& file_name, CameraSide side);
+  // The pixels of an exposure by its file's name; std::nullopt when they are gone or not of the camera's
+  // format.
+  [[nodiscard]] std::optional<ImageView> find(const std::string& file_name, CameraSide side);
+  // Arrival of the later image of a pair (vehicle time).
+  [[nodiscard]] std::optional<std::int64_t> arrivalOf(const std::string& left_image,
+                                                      const std::string& right_image);
+  // A pair was mapped or dropped: gives back its frames and all older ones of each camera.
+  void release(const std::string& left_image, const std::string& right_image);
+  // Takes in the cameras' new frames; gives back the oldest beyond `most`.
+  void refill();
+
+  [[nodiscard]] std::uint64_t givenBackUnused() const { return unused_; }
+  [[nodiscard]] std::size_t held() const { return sides_[0].count + sides_[1].count; }
+
+ private:
+  static constexpr std::size_t kMost = 32;
+  struct Held {
+    LentFrame lent;
+    std::uint64_t number = 0;
+  };
+  struct Side {
+    const FrameBroadcast* ring = nullptr;
+    std::atomic<std::uint64_t>* floor = nullptr;
+    PoolPlace place;
+    std::unique_ptr<rt::SharedMemory> pool;
+    std::array<Held, kMost> frames;  // oldest first
+    std::size_t count = 0;
+    std::uint64_t next = 0;  // number of the frame taken in next
+  };
+  [[nodiscard]] static const Held* frameOf(const Side& side, const std::string& file_name);
+  static void dropOldest(Side& side, std::size_t frames);
+  void releaseUpTo(Side& side, const std::string& file_name);
+
+  std::array<Side, 2> sides_;
+  std::size_t most_;
+  std::uint64_t unused_ = 0;
+};
 
 // The log's inputs in order of position: new ones from the ring in shared memory, those that the ring has
 // overwritten from the file. Inputs that neither has are skipped and counted, after a time in which the

@@ -2,23 +2,36 @@
 
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 
 #include "firmware_if/devices/camera/camera_source.hpp"
 #include "firmware_if/mission/log/onboard_input.hpp"
+#include "realtime/kernel/frame_port.hpp"
 #include "realtime/kernel/health/stage_times.hpp"
-#include "realtime/kernel/memory/shared_memory.hpp"
 #include "realtime/kernel/rings/broadcast_ring.hpp"
+#include "realtime/kernel/rings/shared_blocks.hpp"
 #include "realtime/kernel/rings/spsc_ring.hpp"
 #include "realtime/kernel/threads/overload_rule.hpp"
 #include "realtime/kernel/time/vehicle_clock.hpp"
-#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
-#include "realtime/onboard/modem/modem_ring.hpp"
+#include "realtime/onboard/checkpoint/checkpoint_file.hpp"
 #include "recon/geometry/se3.hpp"
-#include "telemetry/wire/status.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::onboard {
+
+// A modem frame to be sent. A received one is split into its link frames where it is received
+// (io::ModemFrame), so that the many places that hold an input stay small.
+struct OutgoingFrame {
+  std::uint16_t size = 0;
+  std::array<std::uint8_t, FramePort::kMaxFrameBytes> bytes{};
+  [[nodiscard]] std::span<const std::uint8_t> data() const { return {bytes.data(), size}; }
+};
+
+// From the mapper to the modem's thread.
+using ModemRing = rt::SpscRing<OutgoingFrame, 64>;
 
 // Memory shared by the vehicle process and its mapper process, in two pieces: `MapperDown`, which the vehicle
 // writes and the mapper can only read, so that no mapper damages navigation; `MapperUp`, which the mapper

@@ -1,4 +1,4 @@
-#include "realtime/onboard/mapper/mapper_program.hpp"
+#include "realtime/onboard/mapper/mapper_run.hpp"
 
 #include <sys/prctl.h>
 #include <unistd.h>
@@ -12,11 +12,10 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/kernel/threads/arming.hpp"
 #include "realtime/kernel/threads/realtime_config.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_names.hpp"
-#include "realtime/onboard/mapper/mapper_run.hpp"
 #include "recon/geometry/colour.hpp"
 
 namespace fathom::onboard {

@@ -8,10 +8,10 @@
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/kernel/threads/rt_thread.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_names.hpp"
-#include "realtime/onboard/map/mesh_slot.hpp"
+#include "realtime/onboard/map/moving_map.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -9,9 +9,7 @@
 
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/memory/memory_budget.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
 #include "realtime/onboard/checkpoint/checkpoint_file.hpp"
-#include "realtime/onboard/checkpoint/checkpoint_writer.hpp"
 #include "realtime/onboard/mapper/mapper_channel.hpp"
 #include "realtime/onboard/mapper/mapper_tier.hpp"
 #include "realtime/onboard/recorded_pairs.hpp"
@@ -89,5 +87,18 @@ class MapperRun {
   std::uint64_t faults_at_arming_ = 0;
   rt::ProcessMemory process_;
 };
+
+// The mapper process, a child of the vehicle process, which starts it with the files of mapper_channel.hpp
+// open and kills it when it makes no progress. It reads the same mission, calibration and configuration,
+// loads the newest saved state that loads (else the older one, else it begins at the log's beginning),
+// follows the log to its end mark, and writes onboard/. It dies with its parent; the vehicle survives it.
+// Exit statuses are those of a tool.
+struct MapperOptions {
+  std::filesystem::path folder;
+  std::optional<std::filesystem::path> config;
+  bool soft = false;
+  bool print_budget = false;  // makes its pools, shows them and ends
+};
+int runMapper(const MapperOptions& options);
 
 }  // namespace fathom::onboard

@@ -21,22 +21,12 @@ constexpr std::int64_t kPublishInterval = 100'000'000, kFiguresInterval = kSecon
 const std::array<rt::StageSpec, MapperTier::kStages>& MapperTier::stageSpecs() {
   // A pair in less than the time between two.
   constexpr std::int64_t kPairDeadline = 500'000'000;  // [ns]
-  static const std::array<rt::StageSpec, kStages> specs = {{{"images", 0},
-                                                            {"lighting", 0},
-                                                            {"stereo", 0},
-                                                            {"lighting learns", 0},
-                                                            {"features", 0},
-                                                            {"features given", 0},
-                                                            {"visual odometry", 0},
-                                                            {"graph", 0},
-                                                            {"candidates", 0},
-                                                            {"closures", 0},
-                                                            {"map rebuild", 0},
-                                                            {"map", 0},
-                                                            {"pair", kPairDeadline},
-                                                            {"arrival to map", 0},
-                                                            {"link and rows", 0},
-                                                            {"checkpoint", 0}}};
+  static constexpr rt::StageSpec kSpecs[] = {
+      {"images", 0},           {"lighting", 0},       {"stereo", 0},          {"lighting learns", 0},
+      {"features", 0},         {"features given", 0}, {"visual odometry", 0}, {"graph", 0},
+      {"candidates", 0},       {"closures", 0},       {"map rebuild", 0},     {"map", 0},
+      {"pair", kPairDeadline}, {"arrival to map", 0}, {"link and rows", 0},   {"checkpoint", 0}};
+  static const auto specs = std::to_array(kSpecs);
   return specs;
 }
 

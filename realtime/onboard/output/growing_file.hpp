@@ -2,13 +2,43 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <ostream>
 #include <span>
+#include <streambuf>
 #include <string>
 #include <vector>
 
 #include "realtime/base/files/descriptor.hpp"
 
 namespace fathom::onboard {
+
+// A stream into memory for one row at a time; reused for the next row, it keeps its buffer and its format.
+class RowStream : public std::ostream {
+ public:
+  RowStream() : std::ostream(nullptr) { rdbuf(&buffer_); }
+
+  RowStream& begin() {
+    buffer_.text.clear();
+    return *this;
+  }
+  [[nodiscard]] std::span<const std::uint8_t> row() const {
+    return {reinterpret_cast<const std::uint8_t*>(buffer_.text.data()), buffer_.text.size()};
+  }
+
+ private:
+  struct Buffer : std::streambuf {
+    int_type overflow(int_type c) override {
+      if (!traits_type::eq_int_type(c, traits_type::eof())) text.push_back(traits_type::to_char_type(c));
+      return traits_type::not_eof(c);
+    }
+    std::streamsize xsputn(const char* from, std::streamsize count) override {
+      text.append(from, static_cast<std::size_t>(count));
+      return count;
+    }
+    std::string text;
+  };
+  Buffer buffer_;
+};
 
 // A file that grows row by row on a disk that may refuse for a while. Rows wait in a preallocated buffer and
 // are written at an offset that the object keeps; rows that the disk refuses stay in the buffer and are tried

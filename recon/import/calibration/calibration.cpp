@@ -5,7 +5,7 @@
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
-#include "recon/geometry/flat_port.hpp"
+#include "recon/geometry/camera.hpp"
 #include "recon/import/calibration/calibration_tree.hpp"
 #include "recon/import/calibration/colmap_calibration.hpp"
 #include "recon/import/calibration/kalibr_calibration.hpp"

@@ -6,7 +6,7 @@
 
 #include "realtime/base/text.hpp"
 #include "recon/import/calibration/calibration_tree.hpp"
-#include "recon/import/plain_name.hpp"
+#include "recon/import/csv_columns.hpp"
 
 namespace fathom::topside {
 namespace {

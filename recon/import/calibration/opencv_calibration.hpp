@@ -15,7 +15,7 @@ namespace fathom::topside {
 // map around. Where the cameras or R and T are missing, they are taken from the file beside it that OpenCV's
 // sample stereo_calib.cpp writes: intrinsics.yml (M1 D1 M2 D2), extrinsics.yml (R T). Translations in metres,
 // unless the user says otherwise: no file tells. Pixel (0, 0) is the centre of the top left pixel. Rational
-// lenses are fitted (rational_lens.hpp), thin prism, tilted and fisheye ones refused.
+// lenses are fitted (camera_pair.hpp), thin prism, tilted and fisheye ones refused.
 [[nodiscard]] bool isOpenCvCalibration(const CalibrationTree& tree);
 [[nodiscard]] CameraPair readOpenCvCalibration(const std::filesystem::path& file,
                                                const CalibrationTree& tree);

@@ -1,12 +1,37 @@
 #pragma once
 
+#include <cctype>
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <regex>
 #include <string>
 #include <vector>
 
+#include "recon/import/images/stereo_files.hpp"
+
 namespace fathom::topside {
+
+[[nodiscard]] inline bool isDigit(char c) {
+  return std::isdigit(static_cast<unsigned char>(c)) != 0;
+}
+
+// 2.png comes before 10.png.
+[[nodiscard]] bool naturallyBefore(const std::string& a, const std::string& b);
+
+// "frame_007_L" to "7/".
+[[nodiscard]] std::string numbersIn(const std::string& text);
+
+// What the wildcards of a shell pattern (* ? [a-z]) stand for in a name that it matches.
+class Wildcards {
+ public:
+  explicit Wildcards(const std::string& pattern);
+  // Each with a slash behind it; "" for a name that does not match.
+  [[nodiscard]] std::string of(const std::filesystem::path& file) const;
+
+ private:
+  std::regex form_;
+};
 
 // Where a file's name holds its time, UTC.
 class NameTime {
@@ -31,5 +56,18 @@ class NameTime {
   std::regex form_;
   std::string fields_;  // of its groups, by the letters of the pattern
 };
+
+// When a camera says that it took an image: DateTimeOriginal and SubSecTimeOriginal of a JPEG's EXIF, as if
+// UTC [ns].
+[[nodiscard]] std::optional<std::int64_t> exifTime(const std::filesystem::path& image);
+
+// "3 images are" to "3 images are left out: a.png, b.png, c.png", of many the first few.
+[[nodiscard]] std::string leftOut(const std::string& which, const std::vector<std::string>& names);
+
+// Gives all pairs their times, if most have one and these differ: by `pattern` (NameTime), else those that
+// they have, else by the usual forms of the left images' names, else as the left images' EXIF says, else
+// none. Adds to `assumed` what was taken; pairs that have none where most do are left out. Throws InputError
+// for a pattern that does not fit.
+void takeTimes(const std::string& pattern, StereoFiles& files);
 
 }  // namespace fathom::topside

@@ -14,9 +14,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/import/csv_columns.hpp"
-#include "recon/import/images/name_patterns.hpp"
 #include "recon/import/images/name_times.hpp"
-#include "recon/import/images/pair_times.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -15,7 +15,6 @@
 #include "realtime/base/units.hpp"
 #include "recon/import/csv_columns.hpp"
 #include "recon/import/images/name_times.hpp"
-#include "recon/import/plain_name.hpp"
 #include "recon/import/projected_places.hpp"
 
 namespace fathom::topside {

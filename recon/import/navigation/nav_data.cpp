@@ -9,7 +9,6 @@
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/import/navigation/nav_csv.hpp"
-#include "recon/import/navigation/nmea_0183.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -1,4 +1,4 @@
-#include "recon/import/navigation/nmea_0183.hpp"
+#include "recon/import/navigation/nav_csv.hpp"
 
 #include <charconv>
 #include <cmath>

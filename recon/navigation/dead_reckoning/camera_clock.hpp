@@ -26,8 +26,7 @@ class CameraClock {
   [[nodiscard]] std::uint64_t leaps() const noexcept { return leaps_; }
 
   // For saved state (state_archive.hpp), bit by bit.
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.first_stamp_ns_, self.base_ns_, self.any_, self.based_, self.in_window_, self.least_,
             self.line_, self.lost_, self.start_, self.leapt_, self.leaps_);
     archive.require(self.in_window_ >= 0 && self.in_window_ < kWindow, "a clock's window is too long");

@@ -42,8 +42,7 @@ std::optional<double> measuredAltitude(const DvlSample& sample) {
 }
 
 // Whether times rise, as searches by time assume.
-template <typename Queue>
-bool rises(const Queue& queue) {
+bool rises(const auto& queue) {
   for (std::size_t i = 1; i < queue.size(); ++i)
     if (queue[i].utc_ns <= queue[i - 1].utc_ns) return false;
   return true;
@@ -248,8 +247,7 @@ Eigen::Vector3d DeadReckoning::rateOfTurn(std::int64_t utc_ns) const noexcept {
 
 // Appends nodes up to `utc_ns`: at each attitude, depth and gyro sample until then, if not too close to the
 // last node, and at `utc_ns`.
-template <typename VelocityAt>
-void DeadReckoning::trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept {
+void DeadReckoning::trackTo(std::int64_t utc_ns, const auto& velocity_at) noexcept {
   for (;;) {
     const std::int64_t earliest = nodes_.back().utc_ns + kMinNodeSpacingNs - 1;
     std::int64_t next = utc_ns;
@@ -318,8 +316,7 @@ void DeadReckoning::placeDepth(Node& node, const Node* before) noexcept {
   node.quality.pressure_sigma = depth_filter_.sigma();
 }
 
-template <typename Archive, typename Self>
-void DeadReckoning::exchange(Archive& archive, Self& self) {
+void DeadReckoning::exchange(auto& archive, auto& self) {
   archive.instants(self.now_);
   archive(self.dvl_times_, self.attitude_times_, self.depth_times_, self.gyro_times_, self.attitudes_,
           self.last_heading_, self.removed_heading_, self.leap_times_, self.depths_, self.rates_,

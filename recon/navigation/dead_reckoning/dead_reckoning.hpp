@@ -9,8 +9,6 @@
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/sea_water.hpp"
 #include "recon/geometry/sensor_samples.hpp"
-#include "recon/navigation/dead_reckoning/depth_filter.hpp"
-#include "recon/navigation/dead_reckoning/gyro_history.hpp"
 #include "recon/navigation/dead_reckoning/sensor_history.hpp"
 
 namespace fathom::nav {
@@ -51,7 +49,7 @@ struct DeadReckoningConfig {
 //
 // A compass that leaps (current in a cable, steel nearby) must not bend the track: the leap is removed from
 // all later headings, so that odometry continues smoothly and the error of its heading does not grow. SLAM,
-// which knows the heading better, receives it by headingLeaps().
+// which knows the heading better, receives it by counters().
 //
 // A gyro turns nothing here: its rate of heading is summed up beside the track and given to SLAM by
 // qualityAt(), to be compared with the compass.
@@ -84,8 +82,6 @@ class DeadReckoning {
   // Altitude of the DVL above the bottom [m] at the newest valid ensemble not older than max_dvl_gap.
   [[nodiscard]] std::optional<double> altitude() const noexcept;
   [[nodiscard]] Eigen::Vector3d velocityBody() const noexcept;  // over ground [m/s]
-  // Leaps of the compass that were removed.
-  [[nodiscard]] std::uint64_t headingLeaps() const noexcept { return counters_.heading_leaps; }
 
   // Sensors behind the track up to a time. Seconds and leaps are counted from the beginning of the track.
   struct Quality {
@@ -104,8 +100,7 @@ class DeadReckoning {
     // Standard deviation of horizontal velocities' scale by a speed of sound that only the DVL gives [1].
     double sound_share = 0;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.unlocked_s, self.untilted_s, self.attitude_held, self.depth_held, self.pressure_off,
               self.pressure_sigma, self.heading_leaps, self.gyro_turn, self.ungyro_s, self.has_gyro,
               self.sound_share);
@@ -137,8 +132,7 @@ class DeadReckoning {
   [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self);
+  static void exchange(auto& archive, auto& self);
   // The track at one moment; position of the DVL, depth of the body.
   struct Node {
     std::int64_t utc_ns = 0;
@@ -149,8 +143,7 @@ class DeadReckoning {
     double heading_rate = 0;                          // by the gyro [rad/s]
     Quality quality;                                  // but for the leaps of heading
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive.instants(self.utc_ns);
       archive(self.R_odom_body, self.p_dvl, self.v_dvl, self.depth, self.heading_rate, self.quality);
     }
@@ -159,8 +152,7 @@ class DeadReckoning {
     std::int64_t utc_ns = 0;
     Eigen::Vector3d value = Eigen::Vector3d::Zero();  // of the DVL over ground, in body axes [m/s]
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive.instants(self.utc_ns);
       archive(self.value);
     }
@@ -175,8 +167,7 @@ class DeadReckoning {
   [[nodiscard]] bool reached(const TimeGate& gate, std::int64_t utc_ns) const noexcept;
   void use(const Velocity& velocity) noexcept;
   void coast() noexcept;
-  template <typename VelocityAt>
-  void trackTo(std::int64_t utc_ns, const VelocityAt& velocity_at) noexcept;
+  void trackTo(std::int64_t utc_ns, const auto& velocity_at) noexcept;
   [[nodiscard]] Eigen::Vector3d rateOfTurn(std::int64_t utc_ns) const noexcept;
   [[nodiscard]] Eigen::Quaterniond turnedOn(std::int64_t utc_ns) const noexcept;
   void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;

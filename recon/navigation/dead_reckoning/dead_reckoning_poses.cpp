@@ -1,6 +1,5 @@
 // Dead reckoning at a time: pose, quality, velocity.
 #include <algorithm>
-#include <cmath>
 
 #include "realtime/base/units.hpp"
 #include "recon/navigation/dead_reckoning/dead_reckoning.hpp"

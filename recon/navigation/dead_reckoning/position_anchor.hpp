@@ -60,10 +60,7 @@ class PositionAnchor {
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
   // For saved state (state_archive.hpp), bit by bit.
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.gps_, self.usbl_, self.counters_);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.gps_, self.usbl_, self.counters_); }
 
  private:
   struct Difference {
@@ -71,10 +68,7 @@ class PositionAnchor {
     double sigma = 1;       // [m]
     double unlocked_s = 0;  // of the track [s]
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.north_east, self.sigma, self.unlocked_s);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.north_east, self.sigma, self.unlocked_s); }
   };
   struct Series {
     std::array<Difference, kCapacity> items{};
@@ -83,8 +77,7 @@ class PositionAnchor {
     std::uint64_t stride = 1;  // every stride-th is kept
     void add(const Difference& difference) noexcept;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.size, self.seen, self.stride);
       archive.require(self.size >= 0 && self.size <= kCapacity && self.stride > 0, "too many fixes");
       archive(self.items);

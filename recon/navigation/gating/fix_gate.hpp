@@ -2,12 +2,14 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "recon/navigation/gating/robust_factors.hpp"
+#include "recon/navigation/gating/step_gate.hpp"
 #include "recon/navigation/graph/keyframe_store.hpp"
-#include "recon/navigation/graph/shared_turns.hpp"
 
 namespace fathom::slam {
 
@@ -28,10 +30,7 @@ class FixMoments {
   [[nodiscard]] Eigen::Matrix2d errorOf(const Eigen::Vector2d& from_middle, double scale, double direction,
                                         double usbl_turn) const;
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.alone_, self.by_usbl_);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.alone_, self.by_usbl_); }
 
  private:
   struct Sums {
@@ -44,10 +43,7 @@ class FixMoments {
     [[nodiscard]] double aboutMiddle() const {
       return weight > 0 ? std::max(0.0, squares - sum.squaredNorm() / weight) : 0;
     }
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.weight, self.squares, self.sum);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.weight, self.squares, self.sum); }
   };
   Sums alone_, by_usbl_;
 };
@@ -78,12 +74,10 @@ class FixGate {
   void noteUnconfirmed(std::int64_t utc_ns) { unconfirmed_ns_ = utc_ns; }
 
   // For saved state; then rebuildIndices(): false if an index is invalid.
-  template <typename Archive, typename Self>
-  static void exchangeAnchors(Archive& archive, Self& self) {
+  static void exchangeAnchors(auto& archive, auto& self) {
     archive(self.anchor_, self.usbl_anchor_, self.gauge_, self.usbl_, self.moments_);
   }
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.rejected_, self.unconfirmed_ns_, self.accepted_ns_);
   }
   [[nodiscard]] bool rebuildIndices();
@@ -94,10 +88,7 @@ class FixGate {
     Eigen::Vector2d shift = Eigen::Vector2d::Zero();         // nav - odom [m]
     double sigma = std::numeric_limits<double>::infinity();  // [m]
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.shift, self.sigma);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.shift, self.sigma); }
   };
   // The frame of all positions of the USBL: at the first of them, level.
   struct Usbl {
@@ -106,8 +97,7 @@ class FixGate {
     double sigma = 0;  // of what they share, before [m]
     int fixes = 0;     // that were accepted
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.node, self.T_nav_usbl, self.sigma, self.fixes);
     }
   };
@@ -117,10 +107,7 @@ class FixGate {
     std::int64_t since_ns = 0;
     Eigen::Vector2d innovation = Eigen::Vector2d::Zero();
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.fixes, self.since_ns, self.innovation);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.fixes, self.since_ns, self.innovation); }
   };
   // Horizontal covariance of a place so far from one that is held, by errors that all links share [m^2].
   [[nodiscard]] Eigen::Matrix2d sharedError(const Eigen::Vector2d& from_held) const;
@@ -145,6 +132,46 @@ class FixGate {
   RejectedRun rejected_;
   // Last time that no sensor of the chain was accepted; that a fix was inside the gate.
   std::int64_t unconfirmed_ns_ = 0, accepted_ns_ = 0;
+};
+
+// kAgreed: a closure that others agree with around a cycle, whatever the graph says.
+enum class LinkKind : std::uint8_t { kOdometry, kClosure, kAgreed };
+
+// Gate of visual links: those of the chain wait for StepGate; closures must agree with what the graph
+// predicts, or with so many closures that contradicted it that the graph must be wrong.
+class LinkGate {
+ public:
+  LinkGate(KeyframeStore& keyframes, DvlCalibration& dvl, SharedTurns& turns, RobustFactors& robust,
+           FixGate& fixes, StepGate& steps, SensorReferences& references);
+
+  // NavigationGraph::addLink().
+  Taken add(LinkKind kind, int a, int b, const SE3& seen, const Matrix6d& covariance, bool confirmed);
+  [[nodiscard]] std::size_t memoryBytes() const { return displaced_.capacity() * sizeof(int); }
+
+  static void exchange(auto& archive, auto& self) { archive(self.rejected_, self.next_rejected_); }
+
+ private:
+  struct Rejected {  // a closure that contradicts the graph
+    int a = -1, b = -1;
+    UncertainPose link;
+
+    static void exchange(auto& archive, auto& self) {
+      archive(self.a, self.b, self.link.T_a_b, self.link.covariance);
+    }
+  };
+  [[nodiscard]] bool agreesWithRejected(int a, int b, const UncertainPose& link);
+  void displaceLost(int a, int b, const SE3& T_a_b);
+
+  KeyframeStore& keyframes_;
+  DvlCalibration& dvl_;
+  SharedTurns& turns_;
+  RobustFactors& robust_;
+  FixGate& fixes_;
+  StepGate& steps_;
+  SensorReferences& references_;
+  std::vector<int> displaced_;         // nodes
+  std::array<Rejected, 16> rejected_;  // the newest, in turn
+  std::uint64_t next_rejected_ = 0;
 };
 
 }  // namespace fathom::slam

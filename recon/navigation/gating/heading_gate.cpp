@@ -37,13 +37,11 @@ static_assert(kLeastConfirmed < kLeastJump);
 constexpr double kGateSigmas = 4;   // standard deviations
 constexpr double kBiasWalk = 2e-6;  // of the gyro [rad/s^(3/2)]
 
-template <typename Steps>
-bool bitAt(const Steps& steps, std::size_t slot) {
+bool bitAt(const auto& steps, std::size_t slot) {
   return (steps[slot / 64] >> (slot % 64) & 1U) != 0;
 }
 
-template <typename Steps>
-void setBit(Steps& steps, std::size_t slot, bool value) {
+void setBit(auto& steps, std::size_t slot, bool value) {
   const std::uint64_t bit = std::uint64_t{1} << (slot % 64);
   steps[slot / 64] = value ? steps[slot / 64] | bit : steps[slot / 64] & ~bit;
 }

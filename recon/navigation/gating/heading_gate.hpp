@@ -65,8 +65,7 @@ class HeadingGate {
   [[nodiscard]] double gyroSigma(const StepTurns& step) const;
 
   // For saved state (state_archive.hpp), bit by bit.
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchange(auto& archive, auto& self) {
     archive(self.steps_, self.count_, self.reckoned_, self.turned_, self.first_changed_, self.gyro_bias_,
             self.gyro_variance_, self.was_held_, self.relocks_, self.histories_, self.verdicts_);
     archive.require(self.steps_ >= 0 && self.count_ >= 1 && self.count_ <= kHistories &&
@@ -83,16 +82,12 @@ class HeadingGate {
     double cost = 0;
     Steps biased{}, rejected{}, blamed{}, restarted{};
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.constant, self.cost, self.biased, self.rejected, self.blamed, self.restarted);
     }
   };
   struct Stored : Verdict {
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
-      archive(self.compass, self.visual, self.restarts);
-    }
+    static void exchange(auto& archive, auto& self) { archive(self.compass, self.visual, self.restarts); }
   };
   struct Joined {         // the turn of a step, for which the compass is not asked
     double turn = 0;      // [rad]

@@ -41,14 +41,6 @@ std::size_t KeyframeStore::memoryBytes() const {
          (changed_.capacity() + keyframe_of_node_.size()) * sizeof(int);
 }
 
-bool KeyframeStore::isNode(int node) const {
-  return node >= 0 && node < solver_.size() && !solver_.isRetired(node);
-}
-
-bool KeyframeStore::isMeasurement(int k) const {
-  return k >= 0 && k < solver_.measurements() && solver_.measurement(k).in_use;
-}
-
 bool KeyframeStore::isShort(std::size_t spare) const {
   const std::size_t room = at(config_.solver.max_measurements);
   return keyframes_.size() + std::min(spare, keyframes_.capacity() / 8) >= keyframes_.capacity() ||
@@ -153,18 +145,12 @@ std::optional<int> KeyframeStore::takeChange() {
   const int number = changed_[best];
   changed_[best] = changed_.back();
   changed_.pop_back();
-  Keyframe& keyframe = (*this)[number];
-  keyframe.waiting = false;
-  keyframe.known = solver_.pose(keyframe.node);
+  noteTaken(number);
   return number;
 }
 
 void KeyframeStore::takeAllChanges() {
-  for (const int number : changed_) {
-    Keyframe& keyframe = (*this)[number];
-    keyframe.waiting = false;
-    keyframe.known = solver_.pose(keyframe.node);
-  }
+  for (const int number : changed_) noteTaken(number);
   changed_.clear();
 }
 

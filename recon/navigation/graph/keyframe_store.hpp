@@ -53,8 +53,7 @@ struct Keyframe {
   [[nodiscard]] bool visualRejected() const { return link >= 0 && (!heading.visual || link_rejected); }
   [[nodiscard]] bool visualAccepted() const { return link >= 0 && !visualRejected(); }
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& k) {
+  static void exchange(auto& archive, auto& k) {
     archive(k.utc_ns, k.T_odom_cam, k.known, k.node, k.step, k.attitude, k.drift, k.link, k.gyro_turn,
             k.ungyro_s, k.compass_jumped, k.mixed_reference, k.heading.compass, k.heading.visual,
             k.heading.restarts, k.dvl_rejected, k.step_weight, k.link_rejected, k.counted, k.waiting, k.range,
@@ -88,8 +87,12 @@ class KeyframeStore {
   [[nodiscard]] const Keyframe& back() const { return keyframes_.back(); }
   [[nodiscard]] const SE3& pose(int keyframe) const { return solver_.pose((*this)[keyframe].node); }
   [[nodiscard]] int ofNode(int node) const { return keyframe_of_node_[at(node)]; }  // -1: a reference
-  [[nodiscard]] bool isNode(int node) const;
-  [[nodiscard]] bool isMeasurement(int measurement) const;
+  [[nodiscard]] bool isNode(int node) const {
+    return node >= 0 && node < solver_.size() && !solver_.isRetired(node);
+  }
+  [[nodiscard]] bool isMeasurement(int k) const {
+    return k >= 0 && k < solver_.measurements() && solver_.measurement(k).in_use;
+  }
   [[nodiscard]] bool isFull() const { return keyframes_.full(); }
   // Fewer than `spare` places are free.
   [[nodiscard]] bool isShort(std::size_t spare) const;
@@ -125,12 +128,10 @@ class KeyframeStore {
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // For saved state; then rebuildIndices(): false if an index is invalid or used twice.
-  template <typename Archive, typename Self>
-  static void exchangeChanges(Archive& archive, Self& self) {
+  static void exchangeChanges(auto& archive, auto& self) {
     archive.bounded(self.changed_, self.changed_.capacity());
   }
-  template <typename Archive, typename Self>
-  static void exchangeKeyframes(Archive& archive, Self& self) {
+  static void exchangeKeyframes(auto& archive, auto& self) {
     auto& c = self.counters_;
     archive(c.keyframes, c.keyframes_refused, c.keyframes_retired, c.references, c.references_retired,
             c.odometry_links, c.closures, c.links_contradicting, c.links_off, c.links_refused, c.fixes,
@@ -142,7 +143,10 @@ class KeyframeStore {
   [[nodiscard]] bool rebuildIndices();
 
  private:
-  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+  void noteTaken(int keyframe) {
+    (*this)[keyframe].waiting = false;
+    (*this)[keyframe].known = pose(keyframe);
+  }
 
   NavigationConfig config_;
   IncrementalSolver solver_;

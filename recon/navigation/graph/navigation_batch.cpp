@@ -4,9 +4,11 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
 
 namespace fathom::slam {
@@ -20,12 +22,8 @@ constexpr int kSpareRoom = 16;     // beyond the input
 constexpr double kMostChanges = 0.9, kOfChanges = 1.645 * std::numbers::sqrt2;
 constexpr double kAgreeing = 0.75, kOfAgreeing = 1.665;
 
-std::size_t indexOf(int i) {
-  return static_cast<std::size_t>(i);
-}
-
 double chiSquareOf(const RelativePose& edge, const std::vector<SE3>& poses) {
-  const Vector6d error = relativePoseError(edge, poses[indexOf(edge.from)], poses[indexOf(edge.to)]);
+  const Vector6d error = relativePoseError(edge, poses[at(edge.from)], poses[at(edge.to)]);
   return error.dot(edge.information * error);
 }
 
@@ -99,10 +97,10 @@ class RobustBatch {
     return linkFactor(nodes_[link.a], nodes_[link.b], link.T_a_b, link.covariance);
   }
   RelativePose edgeOf(const NavigationFix& fix, const std::vector<SE3>& poses) const {
-    const int node = nodes_[indexOf(fix.frame)];
-    const SE3 &T_nav_cam = poses[indexOf(node)], &T_odom_cam = frames_[indexOf(fix.frame)].T_odom_cam;
+    const int node = nodes_[at(fix.frame)];
+    const SE3 &T_nav_cam = poses[at(node)], &T_odom_cam = frames_[at(fix.frame)].T_odom_cam;
     if (fix.by_usbl && usbl_ >= 0)
-      return usblFixFactor(usbl_, node, T_nav_usbl_, poses[indexOf(usbl_)], T_nav_cam, T_odom_cam,
+      return usblFixFactor(usbl_, node, T_nav_usbl_, poses[at(usbl_)], T_nav_cam, T_odom_cam,
                            fix.antenna_in_odom, fix.north_east, fix.sigma);
     return fixFactor(kOrigin, node, T_nav_cam, T_odom_cam, fix.antenna_in_odom, fix.north_east, fix.sigma);
   }
@@ -119,10 +117,8 @@ class RobustBatch {
   double shape_ = 0;  // mu
 };
 
-double quantile(std::vector<double>& values, double share) {
-  const auto k = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), k, values.end());
-  return *k;
+double valueAt(std::span<double> values, double share) {
+  return ranked(values, static_cast<std::size_t>(share * static_cast<double>(values.size() - 1)));
 }
 
 // A pose for what all USBL positions share: by their own standard deviation at least.
@@ -138,7 +134,7 @@ void addUsbl(const SensorNoise& noise, const std::vector<NavigationFix>& fixes, 
   out.T_nav_usbl = SE3(Eigen::Quaterniond::Identity(), sum / static_cast<double>(sigmas.size()));
   out.usbl_node = static_cast<int>(out.graph.poses.size());
   out.graph.poses.push_back(out.T_nav_usbl);
-  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, quantile(sigmas, 0.5), noise));
+  out.graph.edges.push_back(usblFrame(kOrigin, out.usbl_node, out.T_nav_usbl, valueAt(sigmas, 0.5), noise));
 }
 
 // Sensors and visual odometry, weighed as NavigationGraph judges them.
@@ -155,9 +151,9 @@ NavigationSolution judged(NavigationConfig config, const std::vector<KeyframeInp
   NavigationGraph sensors(config);
   sensors.setAnchor(shift, sigma);
   for (int k = 0; k < n; ++k) {
-    if (!sensors.addKeyframe(frames[indexOf(k)])) throw std::logic_error("navigation: no room for a frame");
+    if (!sensors.addKeyframe(frames[at(k)])) throw std::logic_error("navigation: no room for a frame");
     out.nodes.push_back(sensors.node(k));
-    if (const NavigationLink* link = visual[indexOf(k)])
+    if (const NavigationLink* link = visual[at(k)])
       (void)sensors.addLink(LinkKind::kOdometry, k - 1, k, link->T_a_b, link->covariance, link->confirmed);
     sensors.judge();
   }
@@ -204,16 +200,16 @@ SensorNoise adaptedNoise(const SensorNoise& noise, const std::vector<KeyframeInp
     seen.tilt_bias = std::hypot(noise.tilt_bias, std::sqrt(0.5 * (spread.x() + spread.y())));
   }
   if (!headings.empty()) {
-    seen.heading = std::max(noise.heading, quantile(headings, kMostChanges) / kOfChanges);
-    seen.tilt = std::max(noise.tilt, quantile(tilts, kMostChanges) / kOfChanges);
+    seen.heading = std::max(noise.heading, valueAt(headings, kMostChanges) / kOfChanges);
+    seen.tilt = std::max(noise.tilt, valueAt(tilts, kMostChanges) / kOfChanges);
   }
   std::vector<double> apart;
   for (const NavigationFix& fix : fixes) {
     if (!fix.by_usbl) continue;
-    const SE3 T_nav_odom = solved.poses[indexOf(fix.frame)] * frames[indexOf(fix.frame)].T_odom_cam.inverse();
+    const SE3 T_nav_odom = solved.poses[at(fix.frame)] * frames[at(fix.frame)].T_odom_cam.inverse();
     apart.push_back(((T_nav_odom * fix.antenna_in_odom).head<2>() - fix.north_east).norm());
   }
-  if (!apart.empty()) seen.usbl_shift = std::max(noise.usbl_shift, quantile(apart, kAgreeing) / kOfAgreeing);
+  if (!apart.empty()) seen.usbl_shift = std::max(noise.usbl_shift, valueAt(apart, kAgreeing) / kOfAgreeing);
   return seen;
 }
 
@@ -241,7 +237,7 @@ NavigationSolution solveNavigation(const NavigationConfig& config, const std::ve
   }
   robust.judge(out.graph.poses);
   out.poses.clear();
-  for (const int node : out.nodes) out.poses.push_back(out.graph.poses[indexOf(node)]);
+  for (const int node : out.nodes) out.poses.push_back(out.graph.poses[at(node)]);
   return out;
 }
 

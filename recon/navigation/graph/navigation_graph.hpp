@@ -3,12 +3,44 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "realtime/base/bytes/state_archive_fwd.hpp"
-#include "recon/navigation/gating/link_gate.hpp"
-#include "recon/navigation/graph/keyframe_retirement.hpp"
+#include "recon/navigation/gating/fix_gate.hpp"
+#include "recon/navigation/gating/robust_factors.hpp"
+#include "recon/navigation/graph/sensor_references.hpp"
 
 namespace fathom::slam {
+
+// A keyframe that is gone. What hung on it by odometry at T_odom hangs on `onto` at T_onto * T_odom: its pose
+// is the same, T_onto = odometry(onto) pose(onto)^-1 pose(keyframe) odometry(keyframe)^-1.
+struct RetiredKeyframe {
+  int keyframe = 0, onto = 0;
+  SE3 T_onto;
+};
+
+// Makes room for keyframes to come: the keyframe that is missed least retires into what its measurements say
+// about its neighbours (retirement.hpp), and references that few measurements name.
+class KeyframeRetirement {
+ public:
+  KeyframeRetirement(KeyframeStore& keyframes, RobustFactors& robust, SensorReferences& references);
+
+  void makeRoom();
+  // By the last makeRoom(), in their order: one may be `onto` of an earlier one.
+  [[nodiscard]] std::span<const RetiredKeyframe> retired() const { return retired_; }
+  void clear() { retired_.clear(); }
+
+ private:
+  [[nodiscard]] bool retireKeyframe();
+  void retireReference();
+  [[nodiscard]] bool retireNode(int node);
+  void forget(int measurement, int other_end);
+
+  KeyframeStore& keyframes_;
+  RobustFactors& robust_;
+  SensorReferences& references_;
+  std::vector<RetiredKeyframe> retired_;
+};
 
 // The vehicle's navigation as a graph of poses in information form: one pose for each stereo keyframe, and
 // references of attitude (compass deviation, bias of roll and pitch) and depth (tide), which vary slowly;
@@ -83,7 +115,9 @@ class NavigationGraph {
   void resetRig(double turn_sigma, std::int64_t since_ns, bool knocked);
 
   // Judges the newest step by all that has come of it; addKeyframe() and step() do so.
-  void judge();
+  void judge() {
+    if (!steps_.judge()) fixes_.noteUnconfirmed(keyframes_.back().utc_ns);
+  }
   // A bounded part of the work that is to do.
   StepReport step();
 
@@ -142,8 +176,7 @@ class NavigationGraph {
   [[nodiscard]] bool load(rt::StateReader& reader);
 
  private:
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self);
+  static void exchange(auto& archive, auto& self);
   [[nodiscard]] bool rebuildIndices();  // of what was loaded; false if an index is invalid or used twice
   [[nodiscard]] Keyframe begin(const KeyframeInput& input) const;
 

@@ -1,6 +1,5 @@
 #include "recon/navigation/graph/sensor_references.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "realtime/base/units.hpp"
@@ -151,14 +150,6 @@ void SensorReferences::addDepth(const KeyframeInput& input, int node) {
 void SensorReferences::appendAttitudeNodes(std::int64_t since_ns, std::vector<int>& nodes) const {
   for (const Reference& r : references_)
     if (!r.of_depth && r.utc_ns >= since_ns) nodes.push_back(r.node);
-}
-
-double SensorReferences::deviation() const {
-  return attitude_.node < 0 ? 0 : -keyframes_.solver().pose(attitude_.node).euler().z();
-}
-
-double SensorReferences::seaHeight() const {
-  return depth_.node < 0 ? 0 : -keyframes_.solver().pose(depth_.node).translation().z();
 }
 
 bool SensorReferences::isShort(std::size_t spare) const {

@@ -49,8 +49,13 @@ class SensorReferences {
 
   // Nodes of attitude's references that began at a time or later.
   void appendAttitudeNodes(std::int64_t since_ns, std::vector<int>& nodes) const;
-  [[nodiscard]] double deviation() const;  // NavigationGraph
-  [[nodiscard]] double seaHeight() const;
+  // As NavigationGraph gives them.
+  [[nodiscard]] double deviation() const {
+    return attitude_.node < 0 ? 0 : -keyframes_.solver().pose(attitude_.node).euler().z();
+  }
+  [[nodiscard]] double seaHeight() const {
+    return depth_.node < 0 ? 0 : -keyframes_.solver().pose(depth_.node).translation().z();
+  }
 
   // Fewer than `spare` places are free.
   [[nodiscard]] bool isShort(std::size_t spare) const;
@@ -61,12 +66,8 @@ class SensorReferences {
   void erase(std::size_t position);
 
   // For saved state; then isConsistent(): false if an index is invalid or used twice.
-  template <typename Archive, typename Self>
-  static void exchangeJump(Archive& archive, Self& self) {
-    archive(self.jump_waits_);
-  }
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
+  static void exchangeJump(auto& archive, auto& self) { archive(self.jump_waits_); }
+  static void exchange(auto& archive, auto& self) {
     archive(self.attitude_, self.depth_, self.tide_);
     archive.bounded(self.references_, self.references_.capacity());
     archive(self.next_, self.credit_, self.jumped_ns_);
@@ -82,8 +83,7 @@ class SensorReferences {
     double heading = 0;  // of the vehicle when it began [rad]
     bool of_depth = false;
 
-    template <typename Archive, typename Self>
-    static void exchange(Archive& archive, Self& self) {
+    static void exchange(auto& archive, auto& self) {
       archive(self.node, self.utc_ns, self.heading, self.of_depth);
     }
   };

@@ -44,6 +44,14 @@ Eigen::Matrix<double, 6, 2> tiltedBy(const SE3& T_a_b, double range) {
   return perturbationAt(-groundOf(T_a_b, range)).rightCols<3>() * (T_a_b.matrix3().transpose() * tilt - tilt);
 }
 
+// The DVL's place, level, and the camera's turn, by the right perturbation of a camera turned by R.
+Eigen::Matrix<double, 5, 6> placeAndTurn(const Eigen::Matrix3d& R) {
+  Eigen::Matrix<double, 5, 6> out = Eigen::Matrix<double, 5, 6>::Zero();
+  out.topLeftCorner<2, 3>() = R.topRows<2>();
+  out.bottomRightCorner<3, 3>() = R;
+  return out;
+}
+
 }  // namespace
 
 Eigen::Matrix<double, 6, 4> turnedBy(const SE3& T_a_b, double range, const Eigen::Matrix3d& part) {
@@ -134,12 +142,8 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   const Eigen::Vector2d visual = pathOf(T_odom_a, T_odom_seen).head<2>(), across = turnedLeft(reckoned);
   const Eigen::Quaterniond off = T_odom_seen.rotation() * T_odom_b.rotation().conjugate();
   const Eigen::Vector3d turn = SE3(off, Eigen::Vector3d::Zero()).log().tail<3>();
-  // The DVL's place, level, and the camera's turn, by the right perturbation of the camera.
-  const Eigen::Matrix3d R = T_odom_seen.matrix3();
-  Eigen::Matrix<double, kRows, 6> measured = Eigen::Matrix<double, kRows, 6>::Zero();
-  measured.topLeftCorner<2, 3>() = R.topRows<2>();
-  measured.bottomRightCorner<3, 3>() = R;
-  measured = (measured * perturbationAt(dvl_in_camera_)).eval();
+  const Eigen::Matrix<double, kRows, 6> measured =
+      placeAndTurn(T_odom_seen.matrix3()) * perturbationAt(dvl_in_camera_);
   Eigen::Matrix<double, kRows, kRows> noise = measured * covariance * measured.transpose();
   // Its own noise but for what is estimated here; heading's turns what the camera saw, across the path. The
   // bias of roll and pitch turns with the body, and the compass's deviation.
@@ -182,7 +186,26 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   to_path << reckoned.transpose(), across.transpose();
   to_path /= path;
   const Eigen::Matrix2d spread = to_path * S.topLeftCorner<2, 2>() * to_path.transpose();
-  const Eigen::Vector2d normal = spread.llt().matrixL().solve(to_path * innovation.head<2>());
+  if (!passes(spread.llt().matrixL().solve(to_path * innovation.head<2>()))) return false;
+  const Eigen::Matrix<double, kAll, kRows> gain = joint * H.transpose() * S.inverse();
+  const Eigen::Matrix<double, kAll, kAll> left = Eigen::Matrix<double, kAll, kAll>::Identity() - gain * H;
+  joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
+  // The reading at b takes the place of that at a.
+  steps_.state += gain.topRows<kStates>() * innovation;
+  steps_.state.tail<2>() = gain.bottomRows<2>() * innovation;
+  steps_.covariance = joint.topLeftCorner<kStates, kStates>();
+  steps_.covariance.rightCols<2>().topRows<kReading>() = joint.topRightCorner<kReading, 2>();
+  steps_.covariance.bottomRows<2>().leftCols<kReading>() = joint.bottomLeftCorner<2, kReading>();
+  steps_.covariance.bottomRightCorner<2, 2>() = joint.bottomRightCorner<2, 2>();
+  T_odom_read_ = T_odom_b;
+  ++used_;
+  join();
+  return true;
+}
+
+// Whether a step, its innovation divided by its standard deviation, is no outlier. Steps that are biased
+// together begin scale and heading again.
+bool DvlCalibration::passes(const Eigen::Vector2d& normal) {
   const double distance2 = normal.squaredNorm();
   drift_ =
       kDriftMemory * drift_ + normal * std::min(1.0, std::sqrt(kStepGate / std::max(distance2, kStepGate)));
@@ -199,19 +222,6 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
     ++gated_;
     return false;
   }
-  const Eigen::Matrix<double, kAll, kRows> gain = joint * H.transpose() * S.inverse();
-  const Eigen::Matrix<double, kAll, kAll> left = Eigen::Matrix<double, kAll, kAll>::Identity() - gain * H;
-  joint = (left * joint * left.transpose() + gain * noise * gain.transpose()).eval();
-  // The reading at b takes the place of that at a.
-  steps_.state += gain.topRows<kStates>() * innovation;
-  steps_.state.tail<2>() = gain.bottomRows<2>() * innovation;
-  steps_.covariance = joint.topLeftCorner<kStates, kStates>();
-  steps_.covariance.rightCols<2>().topRows<kReading>() = joint.topRightCorner<kReading, 2>();
-  steps_.covariance.bottomRows<2>().leftCols<kReading>() = joint.bottomLeftCorner<2, kReading>();
-  steps_.covariance.bottomRightCorner<2, 2>() = joint.bottomRightCorner<2, 2>();
-  T_odom_read_ = T_odom_b;
-  ++used_;
-  join();
   return true;
 }
 
@@ -254,10 +264,6 @@ SE3 DvlCalibration::corrected(const SE3& T_odom_a, const SE3& T_odom_b) const {
   const Eigen::Vector2d path = pathOf(T_odom_a, T_odom_b).head<2>();
   const Eigen::Vector2d more = (1 + all_.state(0)) * (Eigen::Rotation2Dd(all_.state(1)) * path) - path;
   return {T_odom_b.rotation(), T_odom_b.translation() + Eigen::Vector3d(more.x(), more.y(), 0)};
-}
-
-double DvlCalibration::remainingShare() const {
-  return std::sqrt(all_.covariance.diagonal().head<2>().maxCoeff());
 }
 
 }  // namespace fathom::slam

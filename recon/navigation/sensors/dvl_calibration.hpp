@@ -45,10 +45,7 @@ struct VisualTurn {
   Eigen::Vector3d variance = Eigen::Vector3d::Zero();  // about the axes of b [rad^2]
   int rig = -1;                                        // SharedTurns::rigEpoch(); -1: no step
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.turn, self.variance, self.rig);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.turn, self.variance, self.rig); }
 };
 
 // Scale and heading misalignment of the DVL against the camera, which dead reckoning carries into every step
@@ -123,9 +120,10 @@ class DvlCalibration {
   [[nodiscard]] double rangeSigma(double range) const;
   [[nodiscard]] const Covariance& covariance() const { return all_.covariance; }
   // Standard deviation of scale and heading, as a share of the path.
-  [[nodiscard]] double remainingShare() const;
+  [[nodiscard]] double remainingShare() const {
+    return std::sqrt(all_.covariance.diagonal().head<2>().maxCoeff());
+  }
   [[nodiscard]] std::uint64_t used() const { return used_; }
-  [[nodiscard]] std::uint64_t gated() const { return gated_; }
   [[nodiscard]] std::uint64_t restarts() const { return restarts_; }
 
   // The rig was changed so that its ranges grew by (scale, per metre): Q, which changes with it, is open by
@@ -152,6 +150,7 @@ class DvlCalibration {
   }
 
   void beginAt(const SE3& T_odom_a);
+  bool passes(const Eigen::Vector2d& normal);
   void join();
 
   SensorNoise noise_;

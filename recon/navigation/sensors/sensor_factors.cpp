@@ -6,8 +6,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "recon/geometry/se3.hpp"
-
 namespace fathom::slam {
 namespace {
 

@@ -79,10 +79,7 @@ class LossOfTrack {
  public:
   double add(double unlocked_s);
 
-  template <typename Archive, typename Self>
-  static void exchange(Archive& archive, Self& self) {
-    archive(self.lasted_s_);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.lasted_s_); }
 
  private:
   double lasted_s_ = 0;

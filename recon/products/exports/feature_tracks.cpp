@@ -1,4 +1,4 @@
-#include "recon/products/exports/feature_tracks.hpp"
+#include "recon/products/exports/sparse_model.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "recon/products/exports/model_las.hpp"
+#include "recon/products/exports/model_glb.hpp"
 
 #include <ogr_spatialref.h>
 
@@ -11,7 +11,7 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
 #include "recon/products/exports/results_files.hpp"
-#include "recon/products/tiles/joined_vertices.hpp"
+#include "recon/products/tiles/model_file.hpp"
 
 namespace fathom::topside {
 namespace {

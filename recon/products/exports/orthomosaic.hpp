@@ -5,6 +5,11 @@
 
 namespace fathom::topside {
 
+// The finest tiles' pictures seen from straight above, north up, with cells of one texel: red, green, blue
+// and alpha as a GeoTIFF in the dive's own system, tile by tile, so that memory does not grow with the dive.
+// A tile without a picture has the colours of its vertices. Throws InputError for results without tiles.
+void drawTilesFromAbove(const std::filesystem::path& path, const std::filesystem::path& results);
+
 struct OrthomosaicConfig {
   std::string crs;        // "EPSG:32755"; empty: none, of a dive without a place
   double cell = 0;        // edge of a cell [unit of the system]; 0: about a texel's

@@ -1,4 +1,4 @@
-#include "recon/products/exports/qgis_project.hpp"
+#include "recon/products/exports/survey_geopackage.hpp"
 
 #include <set>
 #include <vector>
@@ -8,7 +8,6 @@
 #include "realtime/base/text.hpp"
 #include "recon/compare/plane_frame.hpp"
 #include "recon/products/exports/results_files.hpp"
-#include "recon/products/exports/survey_geopackage.hpp"
 #include "recon/products/rasters/layer_picture.hpp"
 
 namespace fathom::topside {

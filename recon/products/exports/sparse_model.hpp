@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -61,5 +62,36 @@ inline constexpr double kHalfPixel = 0.5;
 [[nodiscard]] std::array<double, 2> pixelErrors(const StereoRig& rig, const SE3& T_world_cam,
                                                 const closure::Feature& feature,
                                                 const Eigen::Vector3d& place);
+
+// Features of two views that are one place.
+struct ViewMatches {
+  std::uint32_t a = 0, b = 0;  // views
+  std::vector<closure::Match> matches;
+};
+
+// Fills points, members and every view's point_of from the views' features. Features that matches join are
+// one point, unless two of them are of one view: then a match is wrong, and each is a point of its own. A
+// point's place is the mean of what its views say, weighted by their covariances; a view in which its pixels
+// are more than kMostError from it is left out of it and gets a point of its own.
+constexpr double kMostError = 4;  // mean of left and right [px]; COLMAP's own filter for tracks
+void joinFeatures(const std::vector<ViewMatches>& links, SparseModel& model);
+
+enum class ColmapFormat { kBinary, kText };
+
+// A sparse model as COLMAP's tools read it, in `folder`: cameras, images and points3D (.bin or .txt), as
+// colmap.github.io/format.html describes them, and origin.txt, which says where on the Earth the origin is.
+// Cameras 1 and 2 are left and right, OPENCV, or FULL_OPENCV where there is a k3; images 2k + 1 and 2k + 2
+// are pair k's, with the pose from world to camera; every point has a track. In COLMAP the top left pixel's
+// centre is (0.5, 0.5), which principal points and pixels are moved to. The folder appears whole or not at
+// all. Throws InputError where it holds other files.
+void writeColmapModel(const std::filesystem::path& folder, const SparseModel& model, ColmapFormat format);
+
+// A sparse model as nerfstudio's data parser takes it, in `folder`: transforms.json (camera model OPENCV,
+// each frame with its camera's numbers and the pose from camera to world, the camera looking along -z with y
+// up), points.ply, which it names as ply_file_path, and origin.txt. Images stay where they are: file_path
+// leads from `folder` to `images`, the mission's image folder. The top left pixel's centre is (0.5, 0.5). The
+// folder appears whole or not at all. Throws InputError where it holds other files.
+void writeNerfstudioScene(const std::filesystem::path& folder, const SparseModel& model,
+                          const std::filesystem::path& images);
 
 }  // namespace fathom::topside

@@ -5,7 +5,6 @@
 #include <span>
 #include <vector>
 
-#include "recon/geometry/tile_grid.hpp"
 #include "recon/geometry/tile_mesh.hpp"
 
 namespace fathom::topside {

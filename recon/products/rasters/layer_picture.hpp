@@ -4,7 +4,7 @@
 #include <string>
 
 #include "recon/geometry/mesh.hpp"
-#include "recon/products/rasters/raster_reading.hpp"
+#include "recon/products/rasters/terrain.hpp"
 
 namespace fathom::topside {
 

@@ -13,8 +13,6 @@
 #include "recon/products/rasters/cog_writer.hpp"
 #include "recon/products/rasters/layer_picture.hpp"
 #include "recon/products/rasters/patch_mosaic.hpp"
-#include "recon/products/rasters/raster_reading.hpp"
-#include "recon/products/rasters/sparse_cells.hpp"
 #include "recon/products/rasters/terrain.hpp"
 #include "recon/products/rasters/track_layers.hpp"
 

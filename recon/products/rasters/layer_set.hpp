@@ -10,7 +10,7 @@
 #include "recon/fusion/cell_statistics.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/products/rasters/layer_patch.hpp"
-#include "recon/products/tables/dive_track.hpp"
+#include "recon/products/tables/dive_tables.hpp"
 
 namespace fathom::topside {
 

@@ -1,8 +1,11 @@
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "recon/geometry/image_view.hpp"
@@ -36,5 +39,21 @@ enum class Supercompression : std::uint8_t { kNone, kZstd };
 [[nodiscard]] std::vector<std::uint8_t> writeKtx2(
     const BlockTexture& texture, Supercompression supercompression = Supercompression::kNone);
 [[nodiscard]] BlockTexture readKtx2(std::span<const std::uint8_t> bytes, const std::string& name);
+
+constexpr std::size_t kBlockBytes = 8;
+constexpr int kMaxTextureEdge = 16384;
+
+[[nodiscard]] inline std::size_t levelBytes(int width, int height) {
+  return kBlockBytes * static_cast<std::size_t>((width + 3) / 4) * static_cast<std::size_t>((height + 3) / 4);
+}
+[[nodiscard]] inline std::pair<int, int> levelSize(const BlockTexture& texture, std::size_t level) {
+  return {std::max(1, texture.width >> level), std::max(1, texture.height >> level)};
+}
+// Levels down to one texel.
+[[nodiscard]] inline std::size_t fullChain(int width, int height) {
+  std::size_t levels = 1;
+  for (int edge = std::max(width, height); edge > 1; edge /= 2) ++levels;
+  return levels;
+}
 
 }  // namespace fathom::topside

@@ -3,7 +3,6 @@
 
 #include "realtime/base/input_error.hpp"
 #include "recon/products/tiles/glb.hpp"
-#include "recon/products/tiles/glb_axes.hpp"
 
 namespace fathom::topside {
 namespace {

@@ -3,7 +3,6 @@
 #include <stdexcept>
 
 #include "recon/products/tiles/glb.hpp"
-#include "recon/products/tiles/glb_axes.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -125,6 +124,41 @@ Json materialOf(const GlbConfig& config, bool textured) {
   return material;
 }
 
+// bufferView 1 holds the picture.
+void addPicture(Json& json, bool webp) {
+  json["samplers"] = {{{"magFilter", kLinear},
+                       {"minFilter", kLinearMipmapLinear},
+                       {"wrapS", kClampToEdge},
+                       {"wrapT", kClampToEdge}}};
+  Json texture{{"sampler", 0}};
+  if (webp)
+    texture["extensions"]["EXT_texture_webp"] = {{"source", 0}};
+  else
+    texture["source"] = 0;
+  json["textures"] = Json::array({texture});
+  json["images"] = {{{"bufferView", 1}, {"mimeType", webp ? "image/webp" : "image/jpeg"}}};
+}
+
+// The whole file: header, JSON, binary.
+std::vector<std::uint8_t> chunked(const std::string& text, const std::vector<std::uint8_t>& binary) {
+  std::vector<std::uint8_t> head(text.begin(), text.end());
+  padTo4(head, ' ');
+  constexpr std::size_t kHeaderBytes = 12, kChunkHeaderBytes = 8;
+  const std::size_t total = kHeaderBytes + 2 * kChunkHeaderBytes + head.size() + binary.size();
+  std::vector<std::uint8_t> out;
+  out.reserve(total);
+  append32(out, kGlbMagic);
+  append32(out, kGlbVersion);
+  append32(out, static_cast<std::uint32_t>(total));
+  append32(out, static_cast<std::uint32_t>(head.size()));
+  append32(out, kJsonChunk);
+  out.insert(out.end(), head.begin(), head.end());
+  append32(out, static_cast<std::uint32_t>(binary.size()));
+  append32(out, kBinaryChunk);
+  out.insert(out.end(), binary.begin(), binary.end());
+  return out;
+}
+
 }  // namespace
 
 std::vector<std::uint8_t> writeGlb(const TexturedTile& tile, const TileGrid& grid, const GlbConfig& config,
@@ -178,39 +212,12 @@ std::vector<std::uint8_t> writeGlb(const TexturedTile& tile, const TileGrid& gri
             {"meshes", {{{"primitives", Json::array({primitive})}}}},
             {"materials", Json::array({materialOf(config, has_picture)})},
             {"accessors", accessors}};
-  if (has_picture) {
-    json["samplers"] = {{{"magFilter", kLinear},
-                         {"minFilter", kLinearMipmapLinear},
-                         {"wrapS", kClampToEdge},
-                         {"wrapT", kClampToEdge}}};
-    Json texture{{"sampler", 0}};
-    if (webp)
-      texture["extensions"]["EXT_texture_webp"] = {{"source", 0}};
-    else
-      texture["source"] = 0;
-    json["textures"] = Json::array({texture});
-    json["images"] = {{{"bufferView", 1}, {"mimeType", webp ? "image/webp" : "image/jpeg"}}};
-  }
+  if (has_picture) addPicture(json, webp);
   json["bufferViews"] = views;
   json["buffers"] = {{{"byteLength", binary.size()}}};
 
-  const std::string text = json.dump();
-  std::vector<std::uint8_t> head(text.begin(), text.end());
-  padTo4(head, ' ');
-  constexpr std::size_t kHeaderBytes = 12, kChunkHeaderBytes = 8;
-  const std::size_t total = kHeaderBytes + 2 * kChunkHeaderBytes + head.size() + binary.size();
-  std::vector<std::uint8_t> out;
-  out.reserve(total);
-  append32(out, kGlbMagic);
-  append32(out, kGlbVersion);
-  append32(out, static_cast<std::uint32_t>(total));
-  append32(out, static_cast<std::uint32_t>(head.size()));
-  append32(out, kJsonChunk);
-  out.insert(out.end(), head.begin(), head.end());
-  append32(out, static_cast<std::uint32_t>(binary.size()));
-  append32(out, kBinaryChunk);
-  out.insert(out.end(), binary.begin(), binary.end());
-  if (facts != nullptr) *facts = {packed.bytes.size(), picture.size(), total};
+  std::vector<std::uint8_t> out = chunked(json.dump(), binary);
+  if (facts != nullptr) *facts = {packed.bytes.size(), picture.size(), out.size()};
   return out;
 }
 

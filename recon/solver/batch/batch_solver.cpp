@@ -3,7 +3,6 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -23,10 +22,6 @@ constexpr double kEasing = 0.1;  // of the damping after a step that helped
 constexpr int kUphill = 2;
 constexpr double kSteepest = 4;
 
-std::size_t poseIndex(int i) {
-  return static_cast<std::size_t>(i);
-}
-
 // Poses that are solved for, and edges between two of them; the first pose of each connected part is held.
 struct Unknowns {
   std::vector<int> of_pose;  // -1: held
@@ -43,7 +38,7 @@ Unknowns unknownsOf(const PoseGraph& graph) {
   for (std::uint32_t i = 0; i < graph.poses.size(); ++i)
     u.of_pose.push_back(parts.root(i) == i ? -1 : u.count++);
   for (const RelativePose& e : graph.edges) {
-    const int a = u.of_pose[poseIndex(e.from)], b = u.of_pose[poseIndex(e.to)];
+    const int a = u.of_pose[at(e.from)], b = u.of_pose[at(e.to)];
     u.pair_of_edge.push_back(a < 0 || b < 0 ? -1 : static_cast<int>(u.pairs.size()));
     if (a >= 0 && b >= 0) u.pairs.push_back({a, b});
   }
@@ -80,7 +75,7 @@ Eigen::MatrixXd linearLeastSquares(const PoseGraph& graph, const Unknowns& u, We
     const double w = weight(e);
     const Square m = turn(e);
     const Rows c = constant(e);
-    const int from = u.of_pose[poseIndex(e.from)], to = u.of_pose[poseIndex(e.to)];
+    const int from = u.of_pose[at(e.from)], to = u.of_pose[at(e.to)];
     if (to >= 0) {
       system.addDiagonal(to, Square(w * Square::Identity()));
       right.middleRows<Size>(to * Size) += w * c;
@@ -91,7 +86,7 @@ Eigen::MatrixXd linearLeastSquares(const PoseGraph& graph, const Unknowns& u, We
       right.middleRows<Size>(from * Size) -= w * m * c;
       if (to < 0) right.middleRows<Size>(from * Size) += w * m * Rows(held(e.to));
     }
-    if (u.pair_of_edge[k] >= 0) system.addPair(poseIndex(u.pair_of_edge[k]), Square(-w * m));
+    if (u.pair_of_edge[k] >= 0) system.addPair(at(u.pair_of_edge[k]), Square(-w * m));
   }
   if (!system.factorize()) throw std::runtime_error("pose graph: the chordal system is singular");
   return system.solve(right);
@@ -110,8 +105,8 @@ Eigen::VectorXd assemble(const PoseGraph& graph, const Unknowns& u, BlockCholesk
   Eigen::VectorXd gradient = Eigen::VectorXd::Zero(u.count * kBlockSize);
   for (std::size_t k = 0; k < graph.edges.size(); ++k) {
     const RelativePose& e = graph.edges[k];
-    const RelativePoseLinear l = linearize(e, graph.poses[poseIndex(e.from)], graph.poses[poseIndex(e.to)]);
-    const int from = u.of_pose[poseIndex(e.from)], to = u.of_pose[poseIndex(e.to)];
+    const RelativePoseLinear l = linearize(e, graph.poses[at(e.from)], graph.poses[at(e.to)]);
+    const int from = u.of_pose[at(e.from)], to = u.of_pose[at(e.to)];
     const Matrix6d weighted_from = l.by_from.transpose() * e.information;
     const Matrix6d weighted_to = l.by_to.transpose() * e.information;
     if (from >= 0) {
@@ -122,7 +117,7 @@ Eigen::VectorXd assemble(const PoseGraph& graph, const Unknowns& u, BlockCholesk
       system.addDiagonal6(to, weighted_to * l.by_to);
       gradient.segment<kBlockSize>(to * kBlockSize) += weighted_to * l.error;
     }
-    if (u.pair_of_edge[k] >= 0) system.addPair6(poseIndex(u.pair_of_edge[k]), weighted_from * l.by_to);
+    if (u.pair_of_edge[k] >= 0) system.addPair6(at(u.pair_of_edge[k]), weighted_from * l.by_to);
   }
   return gradient;
 }
@@ -187,58 +182,21 @@ bool solveByGrowingFactor(PoseGraph& graph, const BatchOptions& options, BatchRe
   return result.converged;
 }
 
-}  // namespace
-
-std::vector<SE3> chordalPoses(const PoseGraph& graph) {
-  validate(graph);
-  const Unknowns u = unknownsOf(graph);
-  std::vector<SE3> poses = graph.poses;
-  if (u.count == 0) return poses;
-  // R_to = R_from R_from_to; the rows of R, as columns x, follow x_to = R_from_to^T x_from.
-  const Eigen::MatrixXd rows = linearLeastSquares<3>(
-      graph, u, [](const RelativePose& e) { return e.information.diagonal().tail<3>().mean(); },
-      [](const RelativePose& e) { return e.T_from_to.matrix3(); },
-      [](const RelativePose&) { return Eigen::Matrix3d::Zero(); },
-      [&](int pose) -> Eigen::Matrix3d { return graph.poses[poseIndex(pose)].matrix3().transpose(); });
-  for (std::size_t i = 0; i < poses.size(); ++i)
-    if (u.of_pose[i] >= 0)
-      poses[i] =
-          SE3(nearestRotation(rows.middleRows<3>(u.of_pose[i] * 3).transpose()), poses[i].translation());
-  const Eigen::MatrixXd places = linearLeastSquares<1>(
-      graph, u, [](const RelativePose& e) { return e.information.diagonal().head<3>().mean(); },
-      [](const RelativePose&) { return Eigen::Matrix<double, 1, 1>::Identity(); },
-      [&](const RelativePose& e) -> Eigen::RowVector3d {
-        return (poses[poseIndex(e.from)].rotation() * e.T_from_to.translation()).transpose();
-      },
-      [&](int pose) -> Eigen::RowVector3d { return graph.poses[poseIndex(pose)].translation().transpose(); });
-  for (std::size_t i = 0; i < poses.size(); ++i)
-    if (u.of_pose[i] >= 0) poses[i] = SE3(poses[i].rotation(), places.row(u.of_pose[i]).transpose());
-  return poses;
+// Chordal poses in place of the given ones if their chi2 is less.
+void takeChordalPoses(PoseGraph& graph, BatchResult& result) {
+  PoseGraph other = graph;
+  other.poses = chordalPoses(graph);
+  const double chordal = chiSquare(other);
+  if (chordal < result.chi2_start || !std::isfinite(result.chi2_start)) {
+    graph.poses = std::move(other.poses);
+    result.chi2_start = chordal;
+    result.chordal = true;
+  }
 }
 
-BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
+// Gauss-Newton with Marquardt's damping and the watchdog above.
+void solveByCholesky(PoseGraph& graph, const Unknowns& u, const BatchOptions& options, BatchResult& result,
                      const std::function<void(int iteration, double chi2)>& progress) {
-  validate(graph);
-  BatchResult result;
-  result.chi2_given = result.chi2_start = chiSquare(graph);
-  const Unknowns u = unknownsOf(graph);
-  if (u.count > 0 && options.chordal) {
-    PoseGraph other = graph;
-    other.poses = chordalPoses(graph);
-    const double chordal = chiSquare(other);
-    if (chordal < result.chi2_start || !std::isfinite(result.chi2_start)) {
-      graph.poses = std::move(other.poses);
-      result.chi2_start = chordal;
-      result.chordal = true;
-    }
-  }
-  result.chi2 = result.chi2_start;
-  result.converged = u.count == 0;
-  if (u.count == 0) return result;
-
-  const bool in_one_piece = u.count + 1 == static_cast<int>(graph.poses.size());
-  if (in_one_piece && solveByGrowingFactor(graph, options, result, progress)) return result;
-
   BlockCholesky system(u.count, kBlockSize, u.pairs);
   PoseGraph best = graph;
   double damping = 0, chi2 = result.chi2_start;
@@ -284,6 +242,52 @@ BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
   graph.poses = best.poses;
   result.factor_entries = system.factorEntries();
   result.memory_bytes = system.memoryBytes();
+}
+
+}  // namespace
+
+std::vector<SE3> chordalPoses(const PoseGraph& graph) {
+  validate(graph);
+  const Unknowns u = unknownsOf(graph);
+  std::vector<SE3> poses = graph.poses;
+  if (u.count == 0) return poses;
+  // R_to = R_from R_from_to; the rows of R, as columns x, follow x_to = R_from_to^T x_from.
+  const Eigen::MatrixXd rows = linearLeastSquares<3>(
+      graph, u, [](const RelativePose& e) { return e.information.diagonal().tail<3>().mean(); },
+      [](const RelativePose& e) { return e.T_from_to.matrix3(); },
+      [](const RelativePose&) { return Eigen::Matrix3d::Zero(); },
+      [&](int pose) -> Eigen::Matrix3d { return graph.poses[at(pose)].matrix3().transpose(); });
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    if (u.of_pose[i] >= 0)
+      poses[i] =
+          SE3(nearestRotation(rows.middleRows<3>(u.of_pose[i] * 3).transpose()), poses[i].translation());
+  const Eigen::MatrixXd places = linearLeastSquares<1>(
+      graph, u, [](const RelativePose& e) { return e.information.diagonal().head<3>().mean(); },
+      [](const RelativePose&) { return Eigen::Matrix<double, 1, 1>::Identity(); },
+      [&](const RelativePose& e) -> Eigen::RowVector3d {
+        return (poses[at(e.from)].rotation() * e.T_from_to.translation()).transpose();
+      },
+      [&](int pose) -> Eigen::RowVector3d { return graph.poses[at(pose)].translation().transpose(); });
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    if (u.of_pose[i] >= 0) poses[i] = SE3(poses[i].rotation(), places.row(u.of_pose[i]).transpose());
+  return poses;
+}
+
+BatchResult optimize(PoseGraph& graph, const BatchOptions& options,
+                     const std::function<void(int iteration, double chi2)>& progress) {
+  validate(graph);
+  BatchResult result;
+  result.chi2_given = result.chi2_start = chiSquare(graph);
+  const Unknowns u = unknownsOf(graph);
+  if (u.count > 0 && options.chordal) takeChordalPoses(graph, result);
+  result.chi2 = result.chi2_start;
+  result.converged = u.count == 0;
+  if (u.count == 0) return result;
+
+  const bool in_one_piece = u.count + 1 == static_cast<int>(graph.poses.size());
+  if (in_one_piece && solveByGrowingFactor(graph, options, result, progress)) return result;
+
+  solveByCholesky(graph, u, options, result, progress);
   return result;
 }
 

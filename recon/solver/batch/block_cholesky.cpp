@@ -4,7 +4,8 @@
 
 #include <algorithm>
 #include <stdexcept>
-#include <vector>
+
+#include "recon/solver/block_kernels.hpp"
 
 namespace fathom::slam {
 
@@ -15,25 +16,37 @@ struct BlockPattern {
 
 namespace {
 
-std::size_t blockIndex(int i) {
-  return static_cast<std::size_t>(i);
-}
-
 BlockPattern patternOf(int blocks, std::span<const BlockCholesky::Pair> pairs) {
   std::vector<std::array<int, 2>> entries;  // column, row
-  entries.reserve(blockIndex(blocks) + pairs.size());
+  entries.reserve(at(blocks) + pairs.size());
   for (int i = 0; i < blocks; ++i) entries.push_back({i, i});
   for (const auto& [a, b] : pairs) entries.push_back({std::min(a, b), std::max(a, b)});
   std::sort(entries.begin(), entries.end());
   entries.erase(std::unique(entries.begin(), entries.end()), entries.end());
   BlockPattern p;
-  p.start.assign(blockIndex(blocks) + 1, 0);
+  p.start.assign(at(blocks) + 1, 0);
   for (const auto& [column, row] : entries) {
-    ++p.start[blockIndex(column) + 1];
+    ++p.start[at(column) + 1];
     p.row.push_back(row);
   }
-  for (int i = 0; i < blocks; ++i) p.start[blockIndex(i) + 1] += p.start[blockIndex(i)];
+  for (int i = 0; i < blocks; ++i) p.start[at(i) + 1] += p.start[at(i)];
   return p;
+}
+
+// A symmetric matrix, or its pattern without values: of blocks on the diagonal only the lower part is read.
+cholmod_sparse lowerPart(std::vector<int>& start, std::vector<int>& row, double* values) {
+  cholmod_sparse m{};
+  m.nrow = m.ncol = start.size() - 1;
+  m.nzmax = row.size();
+  m.p = start.data();
+  m.i = row.data();
+  m.x = values;
+  m.stype = -1;
+  m.itype = CHOLMOD_INT;
+  m.xtype = values == nullptr ? CHOLMOD_PATTERN : CHOLMOD_REAL;
+  m.dtype = CHOLMOD_DOUBLE;
+  m.sorted = m.packed = 1;
+  return m;
 }
 
 }  // namespace
@@ -51,17 +64,17 @@ struct BlockCholesky::Impl {
   cholmod_sparse matrix{};
   cholmod_factor* factor = nullptr;
 
-  [[nodiscard]] double* at(int column_block, int block_in_column) {
-    return &value[blockIndex(start[blockIndex(column_block * size)] + block_in_column * size)];
+  [[nodiscard]] double* numbers(int column_block, int block_in_column) {
+    return &value[at(start[at(column_block * size)] + block_in_column * size)];
   }
   [[nodiscard]] int columnStride(int column_block) const {
-    return (pattern.start[blockIndex(column_block) + 1] - pattern.start[blockIndex(column_block)]) * size;
+    return (pattern.start[at(column_block) + 1] - pattern.start[at(column_block)]) * size;
   }
   std::vector<int> order(Order wanted);
   void add(int column_block, int block_in_column, const Eigen::Ref<const Eigen::MatrixXd>& m,
            bool transposed);
   void add6(int column_block, int block_in_column, const Eigen::Matrix<double, 6, 6>& m) {
-    double* block = at(column_block, block_in_column);
+    double* block = numbers(column_block, block_in_column);
     const int stride = columnStride(column_block);
     for (int c = 0; c < 6; ++c)
       for (int r = 0; r < 6; ++r) block[c * stride + r] += m(r, c);
@@ -70,17 +83,7 @@ struct BlockCholesky::Impl {
 
 // Elimination order of the blocks by METIS; or by AMD, or the better of both as CHOLMOD counts their factors.
 std::vector<int> BlockCholesky::Impl::order(Order wanted) {
-  cholmod_sparse graph{};
-  graph.nrow = graph.ncol = blockIndex(blocks);
-  graph.nzmax = pattern.row.size();
-  graph.p = pattern.start.data();
-  graph.i = pattern.row.data();
-  graph.stype = -1;
-  graph.itype = CHOLMOD_INT;
-  graph.xtype = CHOLMOD_PATTERN;
-  graph.dtype = CHOLMOD_DOUBLE;
-  graph.sorted = 1;
-  graph.packed = 1;
+  cholmod_sparse graph = lowerPart(pattern.start, pattern.row, nullptr);
   // For small graphs nested dissection takes longer than it saves.
   constexpr int kSmall = 5000;
   const bool sparsest = wanted == Order::kSparsest;
@@ -107,31 +110,21 @@ BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs, 
   m.common.supernodal = CHOLMOD_SUPERNODAL;
 
   for (const auto& [a, b] : pairs) {
-    const auto first = m.pattern.row.begin() + m.pattern.start[blockIndex(std::min(a, b))];
-    const auto last = m.pattern.row.begin() + m.pattern.start[blockIndex(std::min(a, b)) + 1];
+    const auto first = m.pattern.row.begin() + m.pattern.start[at(std::min(a, b))];
+    const auto last = m.pattern.row.begin() + m.pattern.start[at(std::min(a, b)) + 1];
     m.slot.push_back(static_cast<int>(std::lower_bound(first, last, std::max(a, b)) - first));
   }
-  m.start.reserve(blockIndex(blocks * size) + 1);
+  m.start.reserve(at(blocks * size) + 1);
   m.start.push_back(0);
   for (int j = 0; j < blocks; ++j) {
     for (int c = 0; c < size; ++c) {
-      for (int k = m.pattern.start[blockIndex(j)]; k < m.pattern.start[blockIndex(j) + 1]; ++k)
-        for (int r = 0; r < size; ++r) m.row.push_back(m.pattern.row[blockIndex(k)] * size + r);
+      for (int k = m.pattern.start[at(j)]; k < m.pattern.start[at(j) + 1]; ++k)
+        for (int r = 0; r < size; ++r) m.row.push_back(m.pattern.row[at(k)] * size + r);
       m.start.push_back(static_cast<int>(m.row.size()));
     }
   }
   m.value.assign(m.row.size(), 0.0);
-  m.matrix.nrow = m.matrix.ncol = blockIndex(blocks * size);
-  m.matrix.nzmax = m.row.size();
-  m.matrix.p = m.start.data();
-  m.matrix.i = m.row.data();
-  m.matrix.x = m.value.data();
-  m.matrix.stype = -1;  // of diagonal blocks only the lower part is read
-  m.matrix.itype = CHOLMOD_INT;
-  m.matrix.xtype = CHOLMOD_REAL;
-  m.matrix.dtype = CHOLMOD_DOUBLE;
-  m.matrix.sorted = 1;
-  m.matrix.packed = 1;
+  m.matrix = lowerPart(m.start, m.row, m.value.data());
 
   std::vector<int> permutation;
   for (const int block : m.order(order))
@@ -141,11 +134,10 @@ BlockCholesky::BlockCholesky(int blocks, int size, std::span<const Pair> pairs, 
   m.factor = cholmod_analyze_p(&m.matrix, permutation.data(), nullptr, 0, &m.common);
   if (m.factor == nullptr) throw std::runtime_error("CHOLMOD cannot analyse the matrix: out of memory");
   const int* eliminated = static_cast<const int*>(m.factor->Perm);
-  m.place.resize(blockIndex(dimension()));
-  for (int k = 0; k < dimension(); ++k) m.place[blockIndex(eliminated[k])] = k;
+  m.place.resize(at(dimension()));
+  for (int k = 0; k < dimension(); ++k) m.place[at(eliminated[k])] = k;
   const int* first = static_cast<const int*>(m.factor->super);
-  for (int s = 0; s < static_cast<int>(m.factor->nsuper); ++s)
-    m.supernode_of.resize(blockIndex(first[s + 1]), s);
+  for (int s = 0; s < static_cast<int>(m.factor->nsuper); ++s) m.supernode_of.resize(at(first[s + 1]), s);
 }
 
 BlockCholesky::~BlockCholesky() {
@@ -160,7 +152,7 @@ void BlockCholesky::setZero() {
 void BlockCholesky::Impl::add(int column_block, int block_in_column,
                               const Eigen::Ref<const Eigen::MatrixXd>& m, bool transposed) {
   Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> block(
-      at(column_block, block_in_column), size, size, Eigen::OuterStride<>(columnStride(column_block)));
+      numbers(column_block, block_in_column), size, size, Eigen::OuterStride<>(columnStride(column_block)));
   if (transposed)
     block += m.transpose();
   else
@@ -192,14 +184,14 @@ bool BlockCholesky::factorize(double damping) {
   Impl& m = *impl_;
   std::vector<double> diagonal;
   const auto entry = [&](int i) -> double& {
-    return m.at(i / m.size, 0)[i % m.size * (m.columnStride(i / m.size) + 1)];
+    return m.numbers(i / m.size, 0)[i % m.size * (m.columnStride(i / m.size) + 1)];
   };
   for (int i = 0; i < dimension(); ++i) {
     diagonal.push_back(entry(i));
     entry(i) *= 1 + damping;
   }
   const int done = cholmod_factorize(&m.matrix, m.factor, &m.common);
-  for (int i = 0; i < dimension(); ++i) entry(i) = diagonal[blockIndex(i)];
+  for (int i = 0; i < dimension(); ++i) entry(i) = diagonal[at(i)];
   return done != 0 && m.common.status == CHOLMOD_OK;
 }
 
@@ -237,17 +229,17 @@ BlockCholesky::TreePath BlockCholesky::pathOf(int block,
 
   TreePath path;
   int count = 0;
-  for (int s = m.supernode_of[blockIndex(m.place[blockIndex(block * m.size)])];;) {
+  for (int s = m.supernode_of[at(m.place[at(block * m.size)])];;) {
     path.part.push_back(s);
     path.row.push_back(count);
     count += width(s);
     if (height(s) == width(s)) break;
-    s = m.supernode_of[blockIndex(rows[row_start[s] + width(s)])];
+    s = m.supernode_of[at(rows[row_start[s] + width(s)])];
   }
   path.row.push_back(count);
   path.value = Eigen::MatrixXd::Zero(count, right.cols());
   for (int r = 0; r < m.size; ++r)
-    path.value.row(m.place[blockIndex(block * m.size + r)] - first[path.part.front()]) = right.row(r);
+    path.value.row(m.place[at(block * m.size + r)] - first[path.part.front()]) = right.row(r);
   Eigen::MatrixXd share;
   for (std::size_t p = 0; p < path.part.size(); ++p) {
     const int s = path.part[p], own = width(s), below = height(s) - own;

@@ -2,7 +2,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <memory>
 #include <span>
@@ -10,6 +9,7 @@
 #include "realtime/base/numbers/union_find.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/solver/batch/block_cholesky.hpp"
+#include "recon/solver/block_kernels.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -20,10 +20,6 @@ using Matrix46 = Eigen::Matrix<double, 4, 6>;
 
 constexpr std::size_t kPointBlock = 2048;  // points that are marginalised at once
 constexpr double kNearestPoint_m = 1e-3;
-
-std::size_t at(int i) {
-  return static_cast<std::size_t>(i);
-}
 
 // Pixel of a point in a camera's frame, with its derivative.
 Eigen::Matrix<double, 2, 3> derivative(const Camera& camera, const Eigen::Vector3d& p) {

@@ -8,10 +8,6 @@
 
 namespace fathom::slam {
 
-SE3 GraphCovariance::aboutMiddle(const SE3& T_w_pose) const {
-  return {T_w_pose.rotation(), T_w_pose.translation() - middle_};
-}
-
 // Perturbations are those of measurements.hpp, about the middle of the graph:
 // an edge's error moves with the difference of its poses', so every edge adds
 // one square to two diagonal blocks and takes it from those beside.
@@ -105,10 +101,6 @@ Matrix6d GraphCovariance::widened(Matrix6d covariance, int pose, const Eigen::Ve
   covariance.topLeftCorner<3, 3>() += by_scale * by_scale.transpose();
   const Moved own = ownFrame(aboutMiddle(T)) * moved;
   return covariance + own * own.transpose();
-}
-
-GraphCovariance::Moved GraphCovariance::movedOf(int pose) const {
-  return moved_.middleRows<6>(6 * pose);
 }
 
 Matrix6d GraphCovariance::of(int pose, const TreePath& path) const {

@@ -63,8 +63,9 @@ class GraphCovariance {
   [[nodiscard]] std::size_t memoryBytes() const { return factor_->memoryBytes(); }
 
  private:
-  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
-  [[nodiscard]] SE3 aboutMiddle(const SE3& T_w_pose) const;
+  [[nodiscard]] SE3 aboutMiddle(const SE3& T_w_pose) const {
+    return {T_w_pose.rotation(), T_w_pose.translation() - middle_};
+  }
   // Of turns first, then what edges share.
   using Moved = Eigen::Matrix<double, 6, 1 + kShared>;
   // Normal equations of the shared errors.
@@ -73,7 +74,7 @@ class GraphCovariance {
     Errors pull;
   };
   void estimate(OfShared normal, const Eigen::MatrixXd& pulls);
-  [[nodiscard]] Moved movedOf(int pose) const;
+  [[nodiscard]] Moved movedOf(int pose) const { return moved_.middleRows<6>(6 * pose); }
   // A covariance, inflated by the common scale of the path from a point, and by what moves the pose.
   [[nodiscard]] Matrix6d widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,
                                  const Moved& moved) const;

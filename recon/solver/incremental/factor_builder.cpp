@@ -3,7 +3,6 @@
 #include <suitesparse/camd.h>
 
 #include <algorithm>
-#include <cstring>
 
 namespace fathom::slam {
 namespace {
@@ -62,7 +61,7 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
     start[i] = used;
     for (int k = first(i); k >= 0; k = next(k, i)) {
       const Link& m = links_[at(k)];
-      const int other = m.from == i ? m.to : m.from;
+      const int other = otherEnd(k, i);
       if (m.from == kWorld || m.weight == 0 || held_[at(i)] || held_[at(other)] || place_[at(other)] == i)
         continue;
       place_[at(other)] = i;
@@ -98,8 +97,7 @@ void FactorBuilder::count() {
     met[at(i)] = i;
     for (int k = first(pose); k >= 0; k = next(k, pose)) {
       if (!counts(k)) continue;
-      const Link& m = links_[at(k)];
-      int j = position[at(m.from == pose ? m.to : m.from)];
+      int j = position[at(otherEnd(k, pose))];
       for (; j < i && met[at(j)] != i; j = parent[at(j)]) {
         met[at(j)] = i;
         ++blocks_;
@@ -145,7 +143,9 @@ bool FactorBuilder::keep(int k) {
   return true;
 }
 
-std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFactor> then) {
+// Rows of a column below its diagonal, and their places: neighbours that come later, and rows of the columns
+// below it in the elimination tree. Returns their number.
+int FactorBuilder::findRows(int j, GrowingFactor& factor) {
   const int pose = factor.poseAt(j);
   int count = 0;
   const auto add = [&](int row) {
@@ -153,15 +153,10 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     place_[at(row)] = 1;
     pattern_[at(count++)] = row;
   };
-  const auto weighs = [&](int k) { return links_[at(k)].weight > 0; };
-  const auto otherEnd = [&](int k) {
-    const Link& m = links_[at(k)];
-    return m.from == pose ? m.to : m.from;
-  };
   if (!held_[at(pose)]) {
     for (int k = first(pose); k >= 0; k = next(k, pose)) {
-      const int other = otherEnd(k);
-      if (weighs(k) && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
+      const int other = otherEnd(k, pose);
+      if (links_[at(k)].weight > 0 && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
         add(factor.positionOf(other));
     }
   }
@@ -171,23 +166,26 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
       if (rows[k] != j) add(rows[k]);
   }
   std::sort(pattern_.begin(), pattern_.begin() + count);
-  factor.makeColumn(j, pattern_.subspan(0, at(count)));
   for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = k;
+  return count;
+}
 
-  std::int64_t work = count + 1;
+// Adds the measurements of a column's pose that no earlier column has; returns the work.
+std::int64_t FactorBuilder::addMeasurements(int j, GrowingFactor& factor, std::span<InFactor> then) {
+  const int pose = factor.poseAt(j);
+  std::int64_t work = 0;
   Block& diagonal = factor.diagonal(j);
-  Block* blocks = factor.columnBlocks(j);
   for (int i = 0; i < kBlockSize; ++i)
     diagonal(i, i) += held_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
   for (int k = first(pose); k >= 0 && !held_[at(pose)]; k = next(k, pose)) {
-    if (!weighs(k)) {
+    const Link& m = links_[at(k)];
+    if (!(m.weight > 0)) {
       then[at(k)].weight = 0;
       continue;
     }
-    const int other = otherEnd(k);
+    const int other = otherEnd(k, pose);
     const bool free_end = other != kWorld && !held_[at(other)];
     if (free_end && factor.positionOf(other) < j) continue;  // added with that column
-    const Link& m = links_[at(k)];
     then[at(k)] = {m.from == kWorld ? SE3() : at_poses_[at(m.from)], at_poses_[at(m.to)], m.weight};
     const Block b = worldDerivative(measurement(k), then[at(k)]);
     Block square{};
@@ -196,13 +194,16 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     if (free_end) {
       const int position = factor.positionOf(other);
       addBlock(factor.diagonal(position), square, 1);
-      addBlock(blocks[place_[at(position)]], square, -1);
+      addBlock(factor.columnBlocks(j)[place_[at(position)]], square, -1);
     }
     work += kLinearizeWork;
   }
-  if (damping_ > 0)
-    for (double& v : diagonal.v) v *= 1 + damping_;
+  return work;
+}
 
+// Subtracts the products of the columns that have their next row here; returns the work.
+std::int64_t FactorBuilder::subtractColumns(int j, GrowingFactor& factor) {
+  std::int64_t work = 0;
   for (int d = head_[at(j)]; d >= 0;) {
     const int next_column = link_[at(d)];
     const int* rows = factor.columnRows(d);
@@ -211,19 +212,29 @@ std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFac
     int k = cursor_[at(d)];
     const Block& mine = from[k];
     constexpr int kFirst = 0;
-    kernels_->subtractProducts(&mine, &kFirst, 1, mine, &kFirst, &diagonal);
+    kernels_->subtractProducts(&mine, &kFirst, 1, mine, &kFirst, &factor.diagonal(j));
     work += size - k;
     cursor_[at(d)] = ++k;
     if (k < size) {
       link_[at(d)] = head_[at(rows[k])];
       head_[at(rows[k])] = d;
     }
-    kernels_->subtractProducts(from + k, rows + k, size - k, mine, place_.data(), blocks);
+    kernels_->subtractProducts(from + k, rows + k, size - k, mine, place_.data(), factor.columnBlocks(j));
     d = next_column;
   }
+  return work;
+}
 
+std::int64_t FactorBuilder::column(int j, GrowingFactor& factor, std::span<InFactor> then) {
+  const int count = findRows(j, factor);
+  factor.makeColumn(j, pattern_.subspan(0, at(count)));
+  std::int64_t work = count + 1 + addMeasurements(j, factor, then);
+  Block& diagonal = factor.diagonal(j);
+  if (damping_ > 0)
+    for (double& v : diagonal.v) v *= 1 + damping_;
+  work += subtractColumns(j, factor);
   factorizeBlock(diagonal, GrowingFactor::kLeastInformation);
-  kernels_->solveFromRight(blocks, count, diagonal);
+  kernels_->solveFromRight(factor.columnBlocks(j), count, diagonal);
   for (int k = 0; k < count; ++k) place_[at(pattern_[at(k)])] = -1;
   if (count > 0) {
     const int parent = pattern_[0];

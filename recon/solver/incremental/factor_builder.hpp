@@ -52,7 +52,6 @@ class FactorBuilder {
     double weight = 0;
     int kept = -1;  // in kept_
   };
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   int first(int pose) const { return first_[at(pose)]; }
   int next(int k, int pose) const { return links_[at(k)].next[links_[at(k)].to == pose ? 1 : 0]; }
   const Measurement& measurement(int k) const {
@@ -62,6 +61,12 @@ class FactorBuilder {
   void order(std::span<const std::uint8_t> newest);
   void count();
   bool counts(int k) const;
+  int otherEnd(int k, int pose) const {
+    return links_[at(k)].from == pose ? links_[at(k)].to : links_[at(k)].from;
+  }
+  int findRows(int j, GrowingFactor& factor);
+  std::int64_t addMeasurements(int j, GrowingFactor& factor, std::span<InFactor> then);
+  std::int64_t subtractColumns(int j, GrowingFactor& factor);
   std::int64_t column(int j, GrowingFactor& factor, std::span<InFactor> then);
 
   const ColumnKernels* kernels_ = &fastestColumnKernels();

@@ -129,8 +129,7 @@ void GrowingFactor::pack() {
 
 // Calls visit(column, rows) for the columns on the paths of two poses to the root, in order of elimination;
 // `rows`: positions that the column lacks. Returns the work.
-template <typename Visit>
-std::int64_t GrowingFactor::alongPaths(int pose_a, int pose_b, Visit visit) {
+std::int64_t GrowingFactor::alongPaths(int pose_a, int pose_b, auto visit) {
   int reached = 0;
   const auto reach = [&](int position) {
     work_.pattern[at(reached++)] = position;

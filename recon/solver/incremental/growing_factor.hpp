@@ -81,9 +81,7 @@ class GrowingFactor {
   std::int64_t storeUsed() const { return used_; }  // blocks, with what moved columns left behind
 
  private:
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-  template <typename Visit>
-  std::int64_t alongPaths(int pose_a, int pose_b, Visit visit);
+  std::int64_t alongPaths(int pose_a, int pose_b, auto visit);
   std::int64_t growth(int position, int rows) const;
   void place(int position, int row, int rows);
   void pack();

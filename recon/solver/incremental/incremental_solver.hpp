@@ -172,7 +172,7 @@ class IncrementalSolver {
   // all measurements, but takes more iterations.
   int leftOut() const { return active().left_out; }
 
-  // Into a solver of the same sizes: poses bit by bit, the factor built again (incremental_solver_state.cpp).
+  // Into a solver of the same sizes: poses bit by bit, the factor built again (incremental_solver_build.cpp).
   // A solver whose load() failed is of no use.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
@@ -193,7 +193,6 @@ class IncrementalSolver {
     std::int64_t moves = 0;  // moves_ when it was begun
     int left_out = 0;        // measurements of that part
   };
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   Factor& active() { return factors_[at(active_)]; }
   const Factor& active() const { return factors_[at(active_)]; }
   double staleness(int k) const;
@@ -222,6 +221,8 @@ class IncrementalSolver {
   void addComposed(RelativePose composed);
   void refresh(StepReport& report);
   bool iterate(StepReport& report);
+  double turnDirection(double product, double change);
+  void gatherMoving();
   void moveBy(double share);
   void easeDamping();
   bool takeUpBest(StepReport& report);

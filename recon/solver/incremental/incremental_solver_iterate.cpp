@@ -1,6 +1,5 @@
 // Iterations of the incremental solver: preconditioned conjugate gradients with a watchdog and damping.
 #include <algorithm>
-#include <cmath>
 
 #include "recon/solver/incremental/incremental_solver.hpp"
 
@@ -50,31 +49,9 @@ bool IncrementalSolver::iterate(StepReport& report) {
     urgent_ = true;
     return false;
   }
-  double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
-  const bool whole = active().left_out == 0;
-  if (whole && beta > kMostBeta) beta = 0;
-  double slope = 0;
-  for (int i = 0; i < n; ++i) {
-    direction_[at(i)] = (beta > 0 ? beta * direction_[at(i)] : 0) - solved_[at(i)];
-    slope += gradient[at(i)] * direction_[at(i)];
-  }
-  if (slope >= 0) {
-    for (int i = 0; i < n; ++i) direction_[at(i)] = -solved_[at(i)];
-    slope = -product;
-  }
-  for (int i = 0; i < n; ++i) gradient_before_[at(i)] = gradient[at(i)];
-  product_before_ = product;
-  restart_ = false;
-
+  const double slope = turnDirection(product, change);
   double length = -slope / errors_.curvature(direction_);
-  moved_count_ = 0;
-  for (int i = 0; i < poses_count_; ++i) {
-    if (held_[at(i)] || Eigen::Map<const PosePerturbation>(&direction_[at(kBlockSize * i)]).isZero(0))
-      continue;
-    moved_[at(moved_count_++)] = i;
-    saved_[at(i)] = poses_[at(i)];
-  }
-  noteChanged({moved_.data(), at(moved_count_)});
+  gatherMoving();
   const double before = errors_.chi2(), best = rises_ > 0 ? best_chi2_ : before;
   // In a long, curved valley chi2 may rise before it falls.
   const bool right = length > kRightLength && length < 1 / kRightLength;
@@ -103,8 +80,42 @@ bool IncrementalSolver::iterate(StepReport& report) {
     rises_ = 0;
     easeDamping();
   }
-  if (rises_ > 0 || (whole && (length < kShortest || length > 1 / kShortest))) urgent_ = restart_ = true;
+  if (rises_ > 0 || (active().left_out == 0 && (length < kShortest || length > 1 / kShortest)))
+    urgent_ = restart_ = true;
   return true;
+}
+
+// The next direction, conjugate to the last; returns the slope of chi2 along it.
+double IncrementalSolver::turnDirection(double product, double change) {
+  const int n = kBlockSize * poses_count_;
+  const std::span<const double> gradient = errors_.gradient();
+  double beta = restart_ ? 0 : std::max(0.0, (product - change) / product_before_);
+  if (active().left_out == 0 && beta > kMostBeta) beta = 0;
+  double slope = 0;
+  for (int i = 0; i < n; ++i) {
+    direction_[at(i)] = (beta > 0 ? beta * direction_[at(i)] : 0) - solved_[at(i)];
+    slope += gradient[at(i)] * direction_[at(i)];
+  }
+  if (slope >= 0) {
+    for (int i = 0; i < n; ++i) direction_[at(i)] = -solved_[at(i)];
+    slope = -product;
+  }
+  for (int i = 0; i < n; ++i) gradient_before_[at(i)] = gradient[at(i)];
+  product_before_ = product;
+  restart_ = false;
+  return slope;
+}
+
+// Notes the poses that the direction moves, and where they are.
+void IncrementalSolver::gatherMoving() {
+  moved_count_ = 0;
+  for (int i = 0; i < poses_count_; ++i) {
+    if (held_[at(i)] || Eigen::Map<const PosePerturbation>(&direction_[at(kBlockSize * i)]).isZero(0))
+      continue;
+    moved_[at(moved_count_++)] = i;
+    saved_[at(i)] = poses_[at(i)];
+  }
+  noteChanged({moved_.data(), at(moved_count_)});
 }
 
 // Poses a share of the direction away from where they were.

@@ -5,36 +5,27 @@
 #include <string>
 
 namespace fathom::slam {
-namespace {
-
-std::size_t replayIndex(int i) {
-  return static_cast<std::size_t>(i);
-}
-
-}  // namespace
 
 PoseReplay::PoseReplay(const PoseGraph& graph) : graph_(graph), first_(graph.poses.size() + 1, 0) {
   const int poses = static_cast<int>(graph.poses.size());
   for (const RelativePose& e : graph.edges) {
     if (e.from < kWorld || e.to < 0 || e.from >= poses || e.to >= poses)
       throw std::invalid_argument("pose graph: a measurement names a pose that is not there");
-    ++first_[replayIndex(std::max(e.from, e.to)) + 1];
+    ++first_[at(std::max(e.from, e.to)) + 1];
   }
-  for (int i = 0; i < poses; ++i) first_[replayIndex(i) + 1] += first_[replayIndex(i)];
+  for (int i = 0; i < poses; ++i) first_[at(i) + 1] += first_[at(i)];
   std::vector<int> next(first_.begin(), first_.end() - 1);
   order_.resize(graph.edges.size());
   for (std::size_t k = 0; k < graph.edges.size(); ++k)
-    order_[replayIndex(next[replayIndex(std::max(graph.edges[k].from, graph.edges[k].to))]++)] =
-        static_cast<int>(k);
+    order_[at(next[at(std::max(graph.edges[k].from, graph.edges[k].to))]++)] = static_cast<int>(k);
 }
 
 StepReport PoseReplay::step(IncrementalSolver& solver) {
-  const std::span<const int> mine(order_.data() + first_[replayIndex(next_)],
-                                  order_.data() + first_[replayIndex(next_) + 1]);
+  const std::span<const int> mine(order_.data() + first_[at(next_)], order_.data() + first_[at(next_) + 1]);
   int latest = -1;
-  SE3 start = graph_.poses[replayIndex(next_)];
+  SE3 start = graph_.poses[at(next_)];
   for (const int k : mine) {
-    const RelativePose& e = graph_.edges[replayIndex(k)];
+    const RelativePose& e = graph_.edges[at(k)];
     const int other = std::min(e.from, e.to);
     if (e.from == kWorld || other <= latest) continue;
     latest = other;
@@ -43,7 +34,7 @@ StepReport PoseReplay::step(IncrementalSolver& solver) {
   if (solver.addPose(start) != AddStatus::kOk)
     throw std::invalid_argument("incremental solver: no room for pose " + std::to_string(next_));
   for (const int k : mine)
-    if (solver.addMeasurement(graph_.edges[replayIndex(k)]) != AddStatus::kOk)
+    if (solver.addMeasurement(graph_.edges[at(k)]) != AddStatus::kOk)
       throw std::invalid_argument("incremental solver: measurement " + std::to_string(k) + " is refused");
   ++next_;
   return solver.step();

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <span>
 #include <vector>
 
 #include "recon/solver/incremental/incremental_solver.hpp"

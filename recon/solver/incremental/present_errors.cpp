@@ -44,10 +44,6 @@ void PresentErrors::clear() {
   chi2_ = 0;
 }
 
-double PresentErrors::chi2Of(int measurement) const {
-  return chi2_of_[at(measurement)];
-}
-
 bool PresentErrors::takeMoved(int measurement) {
   const bool moved = is_moved_[at(measurement)] != 0;
   is_moved_[at(measurement)] = 0;

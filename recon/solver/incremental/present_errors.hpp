@@ -32,7 +32,7 @@ class PresentErrors {
 
   [[nodiscard]] bool has(int measurement) const { return is_taken_[at(measurement)] != 0; }
   [[nodiscard]] double chi2() const { return chi2_; }
-  [[nodiscard]] double chi2Of(int measurement) const;
+  [[nodiscard]] double chi2Of(int measurement) const { return chi2_of_[at(measurement)]; }
   // By perturbations in the world frame, six numbers a pose.
   [[nodiscard]] std::span<const double> gradient() const { return gradient_; }
   // p^T H p of the direction p.
@@ -44,7 +44,6 @@ class PresentErrors {
   }
 
  private:
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   void linearize(int k);
   void noteError(int k, const Vector6d& plain, const Vector6d& whitened);
   void evaluate(int k);

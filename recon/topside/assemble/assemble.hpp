@@ -4,11 +4,26 @@
 #include <string>
 #include <vector>
 
+#include "recon/products/exports/sparse_model.hpp"
 #include "recon/products/rasters/layer_set.hpp"
+#include "recon/products/tables/dive_tables.hpp"
 #include "recon/topside/dive.hpp"
-#include "recon/topside/report/map_picture.hpp"
+#include "recon/topside/report/overlap_colours.hpp"
 
 namespace fathom::topside {
+
+// The dive's track second by second: dead reckoning, moved as localisation moved the pairs before and after.
+// Without navigation the pairs; a point without a pose stands between parts that nothing joins.
+[[nodiscard]] std::vector<DiveTrackPoint> trackOf(Dive& dive, const FuseResult& fused, const WaterLog& water);
+// The pairs that have a pose.
+[[nodiscard]] std::vector<ImageRow> imageRowsOf(Dive& dive, const FuseResult& fused, const WaterLog& water);
+
+// Of a dive that was localised and whose work is still there; nothing is made again but the matches between
+// pairs, which no work file keeps: localisation's links, each registered once more about its own result.
+// Points of pairs without features (poses that were given, --no-slam) are none. Colours are those of the
+// corrected left image. Takes about 250 bytes a feature. Throws InputError for a dive without images, or
+// whose stages are not there.
+[[nodiscard]] SparseModel sparseModelOf(Dive& dive);
 
 // What the model came to, level by level, for scene.json and the report.
 struct LevelSummary {

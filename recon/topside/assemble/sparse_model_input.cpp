@@ -1,4 +1,4 @@
-#include "recon/topside/assemble/sparse_model_input.hpp"
+#include "recon/topside/assemble/assemble.hpp"
 
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>
@@ -8,9 +8,9 @@
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/progress.hpp"
-#include "recon/products/exports/feature_tracks.hpp"
+#include "recon/products/exports/sparse_model.hpp"
 #include "recon/topside/light/pair_images.hpp"
-#include "recon/topside/localise/link_matches.hpp"
+#include "recon/topside/localise/bundle_links.hpp"
 
 namespace fathom::topside {
 namespace {

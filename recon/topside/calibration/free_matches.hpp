@@ -3,9 +3,10 @@
 #include <optional>
 #include <vector>
 
-#include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/self_calibration.hpp"
 #include "recon/calibration/sensor_checks.hpp"
 #include "recon/geometry/image_view.hpp"
+#include "recon/import/images/board_images.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 
 namespace fathom::topside {
@@ -35,5 +36,12 @@ struct SeenMotion {
 [[nodiscard]] std::optional<SeenMotion> trackMotion(const Camera& camera, const ImageView& first,
                                                     const ImageView& next,
                                                     const std::vector<SeenPoint>& points, const SE3& T_c1_c0);
+
+// What the pairs show in common: SIFT (Lowe 2004), matched between left and right
+// of a pair and from pair to pair (the next three), each the other's best and clearly better
+// than the second. Pairs in the order of findStereoFiles(); of more than `most`, a run of that many in the
+// middle of the track. Images are read in parallel, with progress on stderr. Throws InputError, which names
+// the file, for one that cannot be read or has another size than the first.
+[[nodiscard]] calibration::RigTracks findTracks(const BoardImageOptions& options, std::size_t most);
 
 }  // namespace fathom::topside

@@ -1,7 +1,6 @@
 #include "recon/topside/calibration/mission_check.hpp"
 
 #include <oneapi/tbb/parallel_for.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -13,13 +12,53 @@
 #include "realtime/base/progress.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
-#include "recon/topside/calibration/range_map.hpp"
-#include "recon/topside/input/navigation_seed_plane.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/light/pair_images.hpp"
 
 namespace fathom::topside {
+
+std::pair<std::int64_t, std::int64_t> RangeMap::cellOf(double north, double east) {
+  return {static_cast<std::int64_t>(std::floor(north / kCell)),
+          static_cast<std::int64_t>(std::floor(east / kCell))};
+}
+
+void RangeMap::add(const SE3& T_nav_cam, const std::vector<SeenPoint>& points) {
+  for (const SeenPoint& p : points) {
+    const Eigen::Vector3d in_nav = T_nav_cam * p.point;
+    Cell& cell = cells_[cellOf(in_nav.x(), in_nav.y())];
+    cell.depth += in_nav.z();
+    cell.range += in_nav.z() - T_nav_cam.translation().z();
+    ++cell.points;
+  }
+}
+
+std::optional<RangeMap::Seen> RangeMap::at(const std::vector<Eigen::Vector2d>& places, int enough) const {
+  Seen sum;
+  int found = 0;
+  for (const Eigen::Vector2d& place : places) {
+    const auto [north, east] = cellOf(place.x(), place.y());
+    Seen here;
+    int cells = 0;
+    for (std::int64_t n = north - 1; n <= north + 1; ++n)
+      for (std::int64_t e = east - 1; e <= east + 1; ++e) {
+        const auto cell = cells_.find({n, e});
+        if (cell == cells_.end()) continue;
+        here.depth += cell->second.depth / cell->second.points;
+        here.range += cell->second.range / cell->second.points;
+        ++cells;
+      }
+    constexpr int kEnoughCells = 3;  // of nine
+    if (cells < kEnoughCells) continue;
+    sum.depth += here.depth / cells;
+    sum.range += here.range / cells;
+    ++found;
+  }
+  if (found < enough) return std::nullopt;
+  return Seen{sum.depth / found, sum.range / found};
+}
+
 namespace {
 
 constexpr std::size_t kRun = 12;                     // consecutive pairs looked at together

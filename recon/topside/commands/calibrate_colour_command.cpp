@@ -1,13 +1,11 @@
-#include "recon/topside/commands/calibrate_colour_command.hpp"
-
 #include <cmath>
 #include <cstdio>
 #include <memory>
 
-#include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/geometry/colour.hpp"
 #include "recon/topside/calibration/chart_images.hpp"
+#include "recon/topside/commands/commands.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -50,28 +48,27 @@ int calibrateColour(const CalibrateColourOptions& o) {
 
 }  // namespace
 
-std::function<int()> addCalibrateColourCommand(CLI::App& app, CLI::App*& command) {
+void addCalibrateColourCommand(CommandLine& app) {
   const auto options = std::make_shared<CalibrateColourOptions>();
-  command = app.add_subcommand("calibrate-colour",
-                               "a camera's colours from photographs of a chart of 24 patches, in water");
-  command->footer("Example: fathom-topside calibrate-colour chart.tif --out stereo.calib.colour");
-  command->add_option("images", options->images, "of the chart, by the left camera, at working range")
+  CommandLine& command = app.command(
+      "calibrate-colour", "a camera's colours from photographs of a chart of 24 patches, in water",
+      "Example: fathom-topside calibrate-colour chart.tif --out stereo.calib.colour",
+      [options] { return calibrateColour(*options); });
+  command.add_option("images", options->images, "of the chart, by the left camera, at working range")
       ->required()
       ->check(CLI::ExistingFile);
   command
-      ->add_option("--corners", options->corners,
-                   "where no chart is found: u,v of the outer corners of dark skin, bluish green, black and "
-                   "white, separated by commas [px]")
+      .add_option("--corners", options->corners,
+                  "where no chart is found: u,v of the outer corners of dark skin, bluish green, black and "
+                  "white, separated by commas [px]")
       ->delimiter(',')
       ->expected(8);
-  command->add_option("--format", options->format, "of the samples; auto: as the file says")
-      ->check(CLI::IsMember(sampleNames()))
-      ->capture_default_str();
+  command.shown("--format", options->format, "of the samples; auto: as the file says")
+      ->check(CLI::IsMember(sampleNames()));
   command
-      ->add_option("--out", options->out,
-                   "file to write; beside stereo.calib as stereo.calib.colour it is used by itself")
+      .add_option("--out", options->out,
+                  "file to write; beside stereo.calib as stereo.calib.colour it is used by itself")
       ->required();
-  return [options] { return calibrateColour(*options); };
 }
 
 }  // namespace fathom::topside

@@ -1,18 +1,15 @@
-#include "recon/topside/commands/calibrate_command.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <tuple>
 
-#include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/flat_port.hpp"
+#include "recon/geometry/camera.hpp"
 #include "recon/import/calibration/calibration.hpp"
-#include "recon/topside/calibration/rig_tracks.hpp"
-#include "recon/topside/commands/sample_options.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/report/calibration_report.hpp"
 
 namespace fathom::topside {
@@ -25,66 +22,60 @@ void addBoardOptions(CLI::App& command, BoardOptions& options) {
   addSampleOptions(command, options.images.left_format, options.images.right_format);
 }
 
-std::function<int()> addCalibrateCommand(CLI::App& app, CLI::App*& command) {
+void addCalibrateCommand(CommandLine& app) {
   const auto options = std::make_shared<CalibrateOptions>();
-  command = app.add_subcommand(
-      "calibrate",
-      "a stereo rig's calibration from photographs of a chessboard, or from a dive's own images");
-  command->footer(
+  CommandLine& command = app.command(
+      "calibrate", "a stereo rig's calibration from photographs of a chessboard, or from a dive's own images",
       "Example: fathom-topside calibrate --board 9x6 --square 0.024 boards/ --out stereo.calib\n"
       "Example: fathom-topside calibrate --self --baseline 0.305 dive/ --out dive/stereo.calib\n"
       "Example: fathom-topside calibrate --board 9x6 --square 0.08 water/ --in-air air.calib --glass 0.01 "
       "--out "
-      "stereo.calib");
-  command->add_option("images", options->board.images.images,
-                      "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
-  addBoardOptions(*command, options->board);
-  CLI::Option* self =
-      command->add_flag("--self", options->self, "without a board: images of a scene at rest");
+      "stereo.calib",
+      [options] {
+        const calibration::RigCalibration done = runCalibrate(*options);
+        for (const auto& dropped : done.dropped)
+          std::printf("dropped %s: %s\n", dropped.name.c_str(), dropped.reason.c_str());
+        std::printf("%zu pairs: RMS left %.3f px, right %.3f px, stereo %.3f px; baseline %.2f +- %.2f mm\n",
+                    done.views.size(), done.left_rms, done.right_rms, done.stereo_rms,
+                    1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline);
+        for (const auto& [side, camera, sigma] : {std::tuple("left", &done.rig.left, &done.sigma.left_port),
+                                                  {"right", &done.rig.right, &done.sigma.right_port}})
+          if (camera->port)
+            std::printf("%s port: %.1f +- %.1f mm before the camera, tilted by %.2f deg\n", side,
+                        1e3 * camera->port->distance, 1e3 * sigma->distance,
+                        radiansToDegrees(std::acos(std::min(1.0, camera->port->normal.z()))));
+        std::printf("%s written; report: %s.html, %s.json\n", options->out.c_str(), options->out.c_str(),
+                    options->out.c_str());
+        return static_cast<int>(kExitSuccess);
+      });
+  command.add_option("images", options->board.images.images,
+                     "image files or folders; left01/right01 or *_LC16/*_RM16 belong together");
+  addBoardOptions(command, options->board);
+  CLI::Option* self = command.add_flag("--self", options->self, "without a board: images of a scene at rest");
   command
-      ->add_option("--baseline", options->baseline,
-                   "of --self: distance between the cameras [m], which "
-                   "images cannot tell")
+      .add_option("--baseline", options->baseline,
+                  "of --self: distance between the cameras [m], which "
+                  "images cannot tell")
       ->check(CLI::Range(1e-3, 100.0))
       ->needs(self);
   command
-      ->add_flag("--free-centre", options->free_centre,
-                 "of --self: seek the principal points too, which else stay near the images' middles")
+      .add_flag("--free-centre", options->free_centre,
+                "of --self: seek the principal points too, which else stay near the images' middles")
       ->needs(self);
   self->needs("--baseline")->excludes("--board")->excludes("--square");
   CLI::Option* air = command
-                         ->add_option("--in-air", options->air,
-                                      "the cameras' calibration in air: boards in water then give their flat "
-                                      "ports, written beside --out as .ports")
+                         .add_option("--in-air", options->air,
+                                     "the cameras' calibration in air: boards in water then give their flat "
+                                     "ports, written beside --out as .ports")
                          ->excludes(self);
   const auto addGlass = [&](const char* name, double& value, const char* meaning, double low, double high) {
-    command->add_option(name, value, meaning)
-        ->check(CLI::Range(low, high))
-        ->needs(air)
-        ->capture_default_str();
+    command.shown(name, value, meaning, low, high)->needs(air);
   };
   addGlass("--glass", options->glass.thickness, "of --in-air: thickness of the ports [m]", 0, 0.2);
   addGlass("--glass-index", options->glass.index, "of --in-air: index of refraction of the ports", 1, 2.5);
   addGlass("--water-index", options->glass.water, "of --in-air: index of refraction of the water", 1, 1.5);
-  command->add_option("--out", options->out, "stereo.calib to write; the report goes beside it")->required();
-  command->add_flag("--k3", options->config.k3, "estimate the third radial coefficient too")->excludes(self);
-  return [options] {
-    const calibration::RigCalibration done = runCalibrate(*options);
-    for (const auto& dropped : done.dropped)
-      std::printf("dropped %s: %s\n", dropped.name.c_str(), dropped.reason.c_str());
-    std::printf("%zu pairs: RMS left %.3f px, right %.3f px, stereo %.3f px; baseline %.2f +- %.2f mm\n",
-                done.views.size(), done.left_rms, done.right_rms, done.stereo_rms, 1e3 * done.rig.baseline(),
-                1e3 * done.sigma.baseline);
-    for (const auto& [side, camera, sigma] : {std::tuple("left", &done.rig.left, &done.sigma.left_port),
-                                              {"right", &done.rig.right, &done.sigma.right_port}})
-      if (camera->port)
-        std::printf("%s port: %.1f +- %.1f mm before the camera, tilted by %.2f deg\n", side,
-                    1e3 * camera->port->distance, 1e3 * sigma->distance,
-                    radiansToDegrees(std::acos(std::min(1.0, camera->port->normal.z()))));
-    std::printf("%s written; report: %s.html, %s.json\n", options->out.c_str(), options->out.c_str(),
-                options->out.c_str());
-    return static_cast<int>(kExitSuccess);
-  };
+  command.add_option("--out", options->out, "stereo.calib to write; the report goes beside it")->required();
+  command.add_flag("--k3", options->config.k3, "estimate the third radial coefficient too")->excludes(self);
 }
 
 namespace {

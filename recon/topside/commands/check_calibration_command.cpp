@@ -1,12 +1,8 @@
-#include "recon/topside/commands/check_calibration_command.hpp"
-
 #include <cstdio>
 #include <memory>
 
-#include "realtime/base/input_error.hpp"
 #include "recon/topside/calibration/mission_check.hpp"
-#include "recon/topside/commands/calib_options.hpp"
-#include "recon/topside/commands/calibrate_command.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/report/board_check_report.hpp"
 
 namespace fathom::topside {
@@ -92,24 +88,22 @@ int checkOnMission(const CheckOptions& options) {
 
 }  // namespace
 
-std::function<int()> addCheckCalibrationCommand(CLI::App& app, CLI::App*& command) {
+void addCheckCalibrationCommand(CommandLine& app) {
   const auto options = std::make_shared<CheckOptions>();
-  command = app.add_subcommand(
+  CommandLine& command = app.command(
       "check-calibration",
-      "whether a rig is still as calibrated: on chessboards, or on a mission's own images");
-  command->footer("Example: fathom-topside check-calibration missions/reef-grid --out check");
-  command->add_option("images", options->board.images.images,
-                      "with --board: image files or folders; else a mission folder");
-  addBoardOptions(*command, options->board);
-  addCalibOptions(*command, options->calib, options->calib_unit, "to check (a mission: its own)");
-  command->add_option("--out", options->out, "folder for the report: HTML, JSON, pictures");
-  command->add_option("--mended", options->corrected,
-                      "of a mission: file for the calibration with the right camera as it stands now");
-  command->add_option("--pairs", options->pairs, "of a mission that are looked at, in runs spread over it")
-      ->check(CLI::Range(1, 1000000))
-      ->capture_default_str();
-  return
-      [options] { return options->board.size.empty() ? checkOnMission(*options) : checkOnBoards(*options); };
+      "whether a rig is still as calibrated: on chessboards, or on a mission's own images",
+      "Example: fathom-topside check-calibration missions/reef-grid --out check",
+      [options] { return options->board.size.empty() ? checkOnMission(*options) : checkOnBoards(*options); });
+  command.add_option("images", options->board.images.images,
+                     "with --board: image files or folders; else a mission folder");
+  addBoardOptions(command, options->board);
+  addCalibOptions(command, options->calib, options->calib_unit, "to check (a mission: its own)");
+  command.add_option("--out", options->out, "folder for the report: HTML, JSON, pictures");
+  command.add_option("--mended", options->corrected,
+                     "of a mission: file for the calibration with the right camera as it stands now");
+  command.shown("--pairs", options->pairs, "of a mission that are looked at, in runs spread over it", 1,
+                1000000);
 }
 
 }  // namespace fathom::topside

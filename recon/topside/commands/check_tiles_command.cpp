@@ -1,12 +1,9 @@
-#include "recon/topside/commands/check_tiles_command.hpp"
-
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "realtime/base/input_error.hpp"
 #include "recon/products/tiles/check/tile_check.hpp"
+#include "recon/topside/commands/commands.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -50,20 +47,20 @@ void printJson(const TileCheck& check) {
 
 }  // namespace
 
-std::function<int()> addCheckTilesCommand(CLI::App& app, CLI::App*& command) {
+void addCheckTilesCommand(CommandLine& app) {
   const auto options = std::make_shared<CheckTilesOptions>();
-  command = app.add_subcommand("check-tiles", "whether a model's tiles are whole and join without cracks");
-  command->footer("Example: fathom-topside check-tiles missions/reef-grid/topside");
-  command->add_option("folder", options->folder, "with tileset.json, or with tiles/tileset.json")->required();
-  command->add_flag("--json", options->json, "everything as JSON");
-  return [options] {
-    const TileCheck check = checkTiles(options->folder);
-    if (options->json)
-      printJson(check);
-    else
-      print(check);
-    return check.faults.empty() ? kExitSuccess : kExitFailedWork;
-  };
+  CommandLine& command =
+      app.command("check-tiles", "whether a model's tiles are whole and join without cracks",
+                  "Example: fathom-topside check-tiles missions/reef-grid/topside", [options] {
+                    const TileCheck check = checkTiles(options->folder);
+                    if (options->json)
+                      printJson(check);
+                    else
+                      print(check);
+                    return check.faults.empty() ? kExitSuccess : kExitFailedWork;
+                  });
+  command.add_option("folder", options->folder, "with tileset.json, or with tiles/tileset.json")->required();
+  command.add_flag("--json", options->json, "everything as JSON");
 }
 
 }  // namespace fathom::topside

@@ -1,5 +1,3 @@
-#include "recon/topside/commands/compare_command.hpp"
-
 #include <array>
 #include <cstdio>
 #include <memory>
@@ -8,8 +6,8 @@
 #include "firmware_if/mission/mission.hpp"
 #include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/files/output_folder.hpp"
-#include "realtime/base/input_error.hpp"
 #include "recon/compare/compare.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/report/compare_report.hpp"
 
 namespace fathom::topside {
@@ -36,7 +34,7 @@ compare::PlaneFrame frameBeside(const std::filesystem::path& mesh) {
   return {};
 }
 
-std::function<int()> addCompareCommand(CLI::App& app, CLI::App*& command) {
+void addCompareCommand(CommandLine& app) {
   struct State {
     compare::CompareOptions options;
     bool json = false, no_shift = false;
@@ -45,42 +43,40 @@ std::function<int()> addCompareCommand(CLI::App& app, CLI::App*& command) {
   compare::CompareOptions& o = state->options;
   o.reference_up = "auto";
   o.beside = frameBeside;
-  command = app.add_subcommand("compare", "heights against gridded multibeam or another dive");
-  command->footer(
-      "Example: fathom-topside compare missions/reef-grid/topside --reference multibeam.tif --out beside");
+  CommandLine& command = app.command(
+      "compare", "heights against gridded multibeam or another dive",
+      "Example: fathom-topside compare missions/reef-grid/topside --reference multibeam.tif --out beside",
+      [state]() -> int {
+        compare::CompareOptions& options = state->options;
+        options.registration.horizontal = !state->no_shift;
+        if (options.out.empty()) options.out = defaultFolder(options.survey);
+        OutputFolder folder(options.out, kCompareFiles);
+        const compare::Comparison comparison = compare::compareSurfaces(options);
+        writeComparison(comparison, folder.path());
+        folder.commit();
+        std::printf("%s", (state->json ? comparisonJson(comparison) : comparisonText(comparison)).c_str());
+        return kExitSuccess;
+      });
   command
-      ->add_option("survey", o.survey,
-                   "folder of fathom-topside's results, its elevation GeoTIFF or its mesh.ply")
+      .add_option("survey", o.survey,
+                  "folder of fathom-topside's results, its elevation GeoTIFF or its mesh.ply")
       ->required();
   command
-      ->add_option("--reference", o.reference,
-                   "XYZ text, GeoTIFF or another raster, PLY mesh, or folder of another dive")
+      .add_option("--reference", o.reference,
+                  "XYZ text, GeoTIFF or another raster, PLY mesh, or folder of another dive")
       ->required();
-  command->add_option("--out", o.out, "folder for the results (compare/ beside the survey)");
-  command->add_option("--reference-crs", o.reference_crs,
-                      "EPSG:<code>, WKT or PROJ string, where the reference does not say it");
-  command->add_option("--reference-z", o.reference_up, "the reference's third number: up, down or auto")
-      ->check(CLI::IsMember({"auto", "up", "down"}))
-      ->capture_default_str();
-  command->add_option("--cell", o.cell, "edge of a compared cell [m] (the coarser surface's own)")
+  command.add_option("--out", o.out, "folder for the results (compare/ beside the survey)");
+  command.add_option("--reference-crs", o.reference_crs,
+                     "EPSG:<code>, WKT or PROJ string, where the reference does not say it");
+  command.shown("--reference-z", o.reference_up, "the reference's third number: up, down or auto")
+      ->check(CLI::IsMember({"auto", "up", "down"}));
+  command.add_option("--cell", o.cell, "edge of a compared cell [m] (the coarser surface's own)")
       ->check(CLI::Range(0.001, 1000.0));
-  command->add_option("--max-shift", o.registration.max_shift, "largest horizontal offset looked for [m]")
-      ->check(CLI::Range(0.01, 1000.0))
-      ->capture_default_str();
-  command->add_flag("--tilt", o.registration.tilt, "also a slope between the two");
-  command->add_flag("--no-shift", state->no_shift, "no horizontal offset: heights alone");
-  command->add_flag("--json", state->json, "print the JSON instead of a few lines");
-  return [state]() -> int {
-    compare::CompareOptions& options = state->options;
-    options.registration.horizontal = !state->no_shift;
-    if (options.out.empty()) options.out = defaultFolder(options.survey);
-    OutputFolder folder(options.out, kCompareFiles);
-    const compare::Comparison comparison = compare::compareSurfaces(options);
-    writeComparison(comparison, folder.path());
-    folder.commit();
-    std::printf("%s", (state->json ? comparisonJson(comparison) : comparisonText(comparison)).c_str());
-    return kExitSuccess;
-  };
+  command.shown("--max-shift", o.registration.max_shift, "largest horizontal offset looked for [m]", 0.01,
+                1000.0);
+  command.add_flag("--tilt", o.registration.tilt, "also a slope between the two");
+  command.add_flag("--no-shift", state->no_shift, "no horizontal offset: heights alone");
+  command.add_flag("--json", state->json, "print the JSON instead of a few lines");
 }
 
 }  // namespace fathom::topside

@@ -1,21 +1,15 @@
-#include "recon/topside/commands/export_model_command.hpp"
-
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 
 #include "realtime/base/input_error.hpp"
-#include "recon/products/exports/colmap_model.hpp"
 #include "recon/products/exports/model_glb.hpp"
-#include "recon/products/exports/model_las.hpp"
-#include "recon/products/exports/nerfstudio_scene.hpp"
 #include "recon/products/exports/orthomosaic.hpp"
-#include "recon/products/exports/qgis_project.hpp"
 #include "recon/products/exports/results_files.hpp"
+#include "recon/products/exports/sparse_model.hpp"
 #include "recon/products/exports/survey_geopackage.hpp"
 #include "recon/products/tiles/model_file.hpp"
-#include "recon/topside/assemble/sparse_model_input.hpp"
-#include "recon/topside/commands/run_settings.hpp"
+#include "recon/topside/assemble/assemble.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/work/repair.hpp"
 
@@ -161,27 +155,28 @@ int exportModel(ExportModelOptions& options) {
 
 }  // namespace
 
-std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
+void addExportModelCommand(CommandLine& app) {
   const auto o = std::make_shared<ExportModelOptions>();
-  command = app.add_subcommand("export-model", "a finished run's model, maps and cameras for other tools");
-  command->footer(
+  CommandLine& command = app.command(
+      "export-model", "a finished run's model, maps and cameras for other tools",
       "Example: fathom-topside export-model missions/reef-grid --glb model.glb\n"
       "Example: fathom-topside export-model missions/reef-grid --ortho reef.tif --crs EPSG:32755\n"
       "Example: fathom-topside export-model missions/reef-grid --qgis reef-gis\n"
       "Example: fathom-topside export-model missions/reef-grid --colmap reef/sparse/0\n"
-      "Surface and cameras: x east, y north, z up [m], of the dive's origin (GLB: x east, y up, z south).");
-  command->add_option("folder", o->folder, "the mission's folder; or its results', or their tiles'")
+      "Surface and cameras: x east, y north, z up [m], of the dive's origin (GLB: x east, y up, z south).",
+      [o] { return exportModel(*o); });
+  command.add_option("folder", o->folder, "the mission's folder; or its results', or their tiles'")
       ->required();
-  command->add_option("--crs", o->crs, "coordinates of LAS and maps, as EPSG:32755 (the dive's zone of UTM)");
+  command.add_option("--crs", o->crs, "coordinates of LAS and maps, as EPSG:32755 (the dive's zone of UTM)");
 
-  CLI::App& tiles = *command->add_option_group("Surface", "one level of the tiles");
+  CLI::App& tiles = *command.add_option_group("Surface", "one level of the tiles");
   tiles.add_option("--level", o->level, "0 is the finest (0)")->check(CLI::Range(0, 12));
   tiles.add_option("--ply", o->ply, "file to write");
   tiles.add_option("--obj", o->obj, "file to write; beside it NAME.mtl and NAME_textures/");
   tiles.add_option("--glb", o->glb, "file to write, with the textures inside");
   tiles.add_option("--las", o->las, "file of points to write, LAS 1.4");
 
-  CLI::App& maps = *command->add_option_group("Maps", "for geographic information systems");
+  CLI::App& maps = *command.add_option_group("Maps", "for geographic information systems");
   maps.add_option("--qgis", o->qgis, "folder for a project of QGIS: all layers, and a GeoPackage beside it");
   maps.add_option("--gpkg", o->gpkg, "GeoPackage of footprints, track and contours");
   maps.add_option("--contours", o->contours, "between contours [m] (at most twenty of them)")
@@ -194,14 +189,13 @@ std::function<int()> addExportModelCommand(CLI::App& app, CLI::App*& command) {
   maps.add_flag("--lossless", o->lossless, "deflate instead of JPEG")->needs(ortho);
 
   CLI::App& cameras =
-      *command->add_option_group("Cameras", "where every image was taken, and points that images share");
+      *command.add_option_group("Cameras", "where every image was taken, and points that images share");
   CLI::Option* colmap =
       cameras.add_option("--colmap", o->colmap, "folder for COLMAP's cameras, images and points3D");
   cameras.add_flag("--text", o->text, "COLMAP's text form instead of the binary one")->needs(colmap);
   cameras.add_option("--nerfstudio", o->nerfstudio, "folder for transforms.json and points.ply");
-  addPoseSettings(*command->add_option_group("Settings of the run", "as they were given to it, for cameras"),
+  addPoseSettings(*command.add_option_group("Settings of the run", "as they were given to it, for cameras"),
                   o->run);
-  return [o] { return exportModel(*o); };
 }
 
 }  // namespace fathom::topside

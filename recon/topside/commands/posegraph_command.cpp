@@ -1,24 +1,19 @@
-#include "recon/topside/commands/posegraph_command.hpp"
-
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
-#include <filesystem>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <sstream>
-#include <string>
 
-#include "realtime/base/input_error.hpp"
 #include "realtime/kernel/memory/heap_counter.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
-#include "recon/solver/batch/g2o_file.hpp"
 #include "recon/solver/incremental/pose_replay.hpp"
+#include "recon/solver/pose_graph.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {
@@ -206,22 +201,20 @@ int runPosegraph(const PosegraphOptions& options) {
 
 }  // namespace
 
-std::function<int()> addPosegraphCommand(CLI::App& app, CLI::App*& command) {
+void addPosegraphCommand(CommandLine& app) {
   const auto options = std::make_shared<PosegraphOptions>();
-  command = app.add_subcommand("posegraph", "optimise a graph of 3D poses in g2o's form");
-  command->footer("Example: fathom-topside posegraph graph.g2o --out optimised.g2o");
-  command->add_option("file", options->file, "g2o file: VERTEX_SE3:QUAT, EDGE_SE3:QUAT")->required();
-  command->add_option("--out", options->out, "g2o file to write");
-  command->add_option("--truth", options->truth,
-                      "EDGE3 chain of true relative poses, to compare places with");
-  command->add_flag("--incremental", options->incremental,
-                    "pose by pose in fixed memory, as on board, instead of all at once");
-  command->add_flag(
-      "--nearest-positive", options->nearest_positive,
-      "replace information matrices that are not positive semidefinite by the nearest that are");
-  command->add_flag("--json", options->json, "print one JSON object");
-  command->add_flag("--details", options->details, "add to the JSON what the solver did")->needs("--json");
-  return [options] { return runPosegraph(*options); };
+  CommandLine& command = app.command("posegraph", "optimise a graph of 3D poses in g2o's form",
+                                     "Example: fathom-topside posegraph graph.g2o --out optimised.g2o",
+                                     [options] { return runPosegraph(*options); });
+  command.add_option("file", options->file, "g2o file: VERTEX_SE3:QUAT, EDGE_SE3:QUAT")->required();
+  command.add_option("--out", options->out, "g2o file to write");
+  command.add_option("--truth", options->truth, "EDGE3 chain of true relative poses, to compare places with");
+  command.add_flag("--incremental", options->incremental,
+                   "pose by pose in fixed memory, as on board, instead of all at once");
+  command.add_flag("--nearest-positive", options->nearest_positive,
+                   "replace information matrices that are not positive semidefinite by the nearest that are");
+  command.add_flag("--json", options->json, "print one JSON object");
+  command.add_flag("--details", options->details, "add to the JSON what the solver did")->needs("--json");
 }
 
 }  // namespace fathom::topside

@@ -1,14 +1,10 @@
-#include "recon/topside/commands/run_command.hpp"
-
 #include <algorithm>
 #include <charconv>
 #include <cstdio>
 #include <memory>
 
-#include "realtime/base/input_error.hpp"
-#include "recon/topside/commands/run_settings.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/config/thread_limit.hpp"
-#include "recon/topside/pipeline.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -77,34 +73,38 @@ int runAll(RunOptions& o) {
 
 }  // namespace
 
-std::vector<RunCommand> addRunCommands(CLI::App& app) {
+void addRunCommands(CommandLine& app) {
   const auto o = std::make_shared<RunOptions>();
-  CLI::App* run = app.add_subcommand("run", "from a recorded dive to a model that people explore");
-  run->footer("Example: fathom-topside run missions/reef-grid --jobs 2");
-  addRunSettings(*run, o->run);
-  run->add_option("--out", o->run.places.out, "folder for the results (MISSION/topside)");
-  run->add_flag("--check", o->check, "say what would be refused and how long it takes, and write nothing");
-  run->add_option("--only", o->only, "one stage, from those before it, into the work folder");
-  CLI::App* stage = app.add_subcommand("stage", "one stage of a run, or some of its items");
-  stage->footer("Example: fathom-topside stage piece missions/reef-grid --piece 0-15");
-  stage->add_option("stage", o->only, "survey, lighting, prepare, localise, plan, piece or level")
-      ->required();
-  addRunSettings(*stage, o->run);
-  stage->add_option("--piece", o->items, "of prepare and piece: a number from 0, or two as in 0-15");
-  CLI::App* plan = app.add_subcommand("plan", "how many items the stages of a run have");
-  plan->footer("Example: fathom-topside plan missions/reef-grid");
-  addRunSettings(*plan, o->run);
-  plan->add_flag("--list", o->list, "as JSON, and nothing else (the default)");
-  return {{run, [o] { return runAll(*o); }},
-          {stage,
-           [o] {
-             runOneStage(o->run.places, configOf(o->run), stageOf(o->only), itemsOf(o->items));
-             return kExitSuccess;
-           }},
-          {plan, [o] {
-             std::printf("%s\n", listItems(o->run.places, configOf(o->run)).c_str());
-             return kExitSuccess;
-           }}};
+  CommandLine& run =
+      app.command("run", "from a recorded dive to a model that people explore",
+                  "Example: fathom-topside run missions/reef-grid --jobs 2", [o] { return runAll(*o); });
+  addRunSettings(run, o->run);
+  run.add_option("--out", o->run.places.out, "folder for the results (MISSION/topside)");
+  run.add_flag("--check", o->check, "say what would be refused and how long it takes, and write nothing");
+  run.add_flag_callback(
+      "--print-config",
+      [o] {
+        std::fputs(topsideToml(configOf(o->run)).c_str(), stdout);
+        throw CLI::Success();
+      },
+      "show every key of the configuration with value, unit, range, default and meaning, as a file, and end");
+  run.add_option("--only", o->only, "one stage, from those before it, into the work folder");
+  CommandLine& stage =
+      app.command("stage", "one stage of a run, or some of its items",
+                  "Example: fathom-topside stage piece missions/reef-grid --piece 0-15", [o] {
+                    runOneStage(o->run.places, configOf(o->run), stageOf(o->only), itemsOf(o->items));
+                    return kExitSuccess;
+                  });
+  stage.add_option("stage", o->only, "survey, lighting, prepare, localise, plan, piece or level")->required();
+  addRunSettings(stage, o->run);
+  stage.add_option("--piece", o->items, "of prepare and piece: a number from 0, or two as in 0-15");
+  CommandLine& plan = app.command("plan", "how many items the stages of a run have",
+                                  "Example: fathom-topside plan missions/reef-grid", [o] {
+                                    std::printf("%s\n", listItems(o->run.places, configOf(o->run)).c_str());
+                                    return kExitSuccess;
+                                  });
+  addRunSettings(plan, o->run);
+  plan.add_flag("--list", o->list, "as JSON, and nothing else (the default)");
 }
 
 }  // namespace fathom::topside

@@ -1,10 +1,29 @@
-#include "recon/topside/commands/run_settings.hpp"
-
 #include "realtime/base/units.hpp"
-#include "recon/topside/commands/calib_options.hpp"
-#include "recon/topside/commands/sample_options.hpp"
+#include "recon/topside/commands/commands.hpp"
 
 namespace fathom::topside {
+
+CLI::Option* addCalibOptions(CLI::App& command, std::filesystem::path& calib, std::optional<double>& unit,
+                             const std::string& about) {
+  CLI::Option* option =
+      command.add_option("--calib", calib, about + ": stereo.calib, OpenCV, Kalibr, COLMAP or MATLAB (JSON)");
+  command
+      .add_option_function<std::string>(
+          "--calib-unit", [&unit](const std::string& name) { unit = metresIn(name); },
+          "of the calibration's lengths, where the file does not say (m)")
+      ->check(CLI::IsMember({"m", "cm", "mm"}));
+  return option;
+}
+
+void addSampleOptions(CLI::App& command, std::string& left, std::string& right) {
+  const auto names = CLI::IsMember(sampleNames());
+  command
+      .add_option("--left-format", left,
+                  "of the samples; auto: as the file says, a grey *_LC16 is a Bayer mosaic")
+      ->check(names)
+      ->capture_default_str();
+  command.add_option("--right-format", right, "as --left-format")->check(names)->capture_default_str();
+}
 
 void addPoseSettings(CLI::App& command, RunSettings& s) {
   command.add_option("--work", s.places.work, "folder for what the stages hand on (MISSION/topside.work)");

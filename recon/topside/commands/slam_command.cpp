@@ -1,24 +1,17 @@
-#include "recon/topside/commands/slam_command.hpp"
-
 #include <array>
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 #include <string_view>
 
-#include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/files/output_folder.hpp"
-#include "realtime/base/input_error.hpp"
 #include "recon/closure/candidates.hpp"
-#include "recon/topside/commands/run_settings.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/config/thread_limit.hpp"
 #include "recon/topside/dive.hpp"
-#include "recon/topside/input/navigation_seed_plane.hpp"
-#include "recon/topside/report/consistency.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "recon/topside/report/pose_output.hpp"
-#include "recon/topside/report/slam_json.hpp"
-#include "recon/topside/report/slam_page.hpp"
+#include "recon/topside/report/slam_report.hpp"
 #include "recon/topside/work/repair.hpp"
 
 namespace fathom::topside {
@@ -68,11 +61,7 @@ void localiseInto(const RunPlaces& places, const TopsideConfig& config) {
   writeClosures(out.path() / "closures.csv", list.pairs, slam.closures);
   writePoseCovariances(out.path(), list.pairs, slam);
   const Consistency truth = compareWithTruth(places.mission, mission.T_body_cam, rig.left, list, slam);
-  writeSlamPage(out.path() / "slam.html", slam, dive.survey().navigation, mission.T_body_cam,
-                list.features_only, truth);
-  nlohmann::ordered_json json = slamJson(slam);
-  json["truth"] = truthJson(truth);
-  writeFile(out.path() / "slam.json", json.dump(2) + "\n");
+  writeSlamReport(out.path(), slam, dive.survey().navigation, mission.T_body_cam, list.features_only, truth);
   out.commit();
   std::size_t kept = 0;
   for (const slam::NavigationLink& link : slam.closures) kept += link.kept ? 1 : 0;
@@ -94,16 +83,16 @@ int runSlam(RunSettings& settings) {
 
 }  // namespace
 
-std::function<int()> addSlamCommand(CLI::App& app, CLI::App*& command) {
+void addSlamCommand(CommandLine& app) {
   const auto settings = std::make_shared<RunSettings>();
-  command =
-      app.add_subcommand("slam", "visual odometry and loop closures of a mission: poses, without a map");
-  command->footer("Example: fathom-topside slam missions/reef-grid --out poses");
-  command->add_option("mission", settings->places.mission, "mission folder")->required();
-  command->add_option("--out", settings->places.out, "folder for the results (MISSION/slam)");
-  addPoseSettings(*command, *settings);
-  for (const char* other : {"--no-slam", "--poses"}) command->remove_option(command->get_option(other));
-  return [settings] { return runSlam(*settings); };
+  CommandLine& command =
+      app.command("slam", "visual odometry and loop closures of a mission: poses, without a map",
+                  "Example: fathom-topside slam missions/reef-grid --out poses",
+                  [settings] { return runSlam(*settings); });
+  command.add_option("mission", settings->places.mission, "mission folder")->required();
+  command.add_option("--out", settings->places.out, "folder for the results (MISSION/slam)");
+  addPoseSettings(command, *settings);
+  for (const char* other : {"--no-slam", "--poses"}) command.remove_option(command.get_option(other));
 }
 
 }  // namespace fathom::topside

@@ -1,20 +1,14 @@
-#include "recon/topside/commands/stereo_command.hpp"
-
 #include <array>
 #include <cstdio>
-#include <filesystem>
 #include <memory>
-#include <optional>
-#include <string>
 
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
-#include "recon/geometry/ply_writer.hpp"
-#include "recon/import/images/loose_pair.hpp"
+#include "recon/geometry/ply.hpp"
+#include "recon/import/images/board_images.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/seed_plane.hpp"
-#include "recon/topside/commands/calib_options.hpp"
-#include "recon/topside/commands/sample_options.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/report/stereo_output.hpp"
 #include "recon/topside/work/run_stage_times.hpp"
@@ -124,29 +118,29 @@ int runStereo(const StereoOptions& options) {
 
 }  // namespace
 
-std::function<int()> addStereoCommand(CLI::App& app, CLI::App*& command) {
+void addStereoCommand(CommandLine& app) {
   const auto options = std::make_shared<StereoOptions>();
-  command = app.add_subcommand("stereo", "one pair of images to a mesh, points and a picture of depth");
-  command->footer(
+  CommandLine& command = app.command(
+      "stereo", "one pair of images to a mesh, points and a picture of depth",
       "Example: fathom-topside stereo --calib stereo.calib left.tif right.tif --out mesh.ply --picture "
-      "depth.png");
-  command->add_option("left", options->left, "left image: TIFF, PNG or JPEG")->required();
-  command->add_option("right", options->right, "right image")->required();
-  addCalibOptions(*command, options->calib, options->calib_unit, "stereo calibration of the rig")->required();
+      "depth.png",
+      [options] { return runStereo(*options); });
+  command.add_option("left", options->left, "left image: TIFF, PNG or JPEG")->required();
+  command.add_option("right", options->right, "right image")->required();
+  addCalibOptions(command, options->calib, options->calib_unit, "stereo calibration of the rig")->required();
   command
-      ->add_option("--altitude", options->altitude,
-                   "of the left camera over the seafloor [m]; without it, it is searched for")
+      .add_option("--altitude", options->altitude,
+                  "of the left camera over the seafloor [m]; without it, it is searched for")
       ->check(CLI::Range(0.1, 100.0));
-  command->add_flag("--dense", options->dense, "semi-global matching instead of corners");
-  command->add_option("--features", options->features, "corners or dense points wanted (800)")
+  command.add_flag("--dense", options->dense, "semi-global matching instead of corners");
+  command.add_option("--features", options->features, "corners or dense points wanted (800)")
       ->check(CLI::Range(20, 5000));
-  command->add_option("--out", options->out, "mesh to write: PLY in the left camera frame [m]");
-  command->add_option("--points", options->points, "points to write: CSV with pixels, metres, sigma_z");
-  command->add_option("--picture", options->picture, "PNG to write: depth over the left image");
-  command->add_flag("--json", options->json, "print one JSON object: points, rejected by cause, ms by stage");
-  command->add_option("--config", options->config, "TOML file; its [stereo] keys are used");
-  addSampleOptions(*command, options->left_format, options->right_format);
-  return [options] { return runStereo(*options); };
+  command.add_option("--out", options->out, "mesh to write: PLY in the left camera frame [m]");
+  command.add_option("--points", options->points, "points to write: CSV with pixels, metres, sigma_z");
+  command.add_option("--picture", options->picture, "PNG to write: depth over the left image");
+  command.add_flag("--json", options->json, "print one JSON object: points, rejected by cause, ms by stage");
+  command.add_option("--config", options->config, "TOML file; its [stereo] keys are used");
+  addSampleOptions(command, options->left_format, options->right_format);
 }
 
 }  // namespace fathom::topside

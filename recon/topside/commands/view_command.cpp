@@ -1,11 +1,8 @@
-#include "recon/topside/commands/view_command.hpp"
-
 #include <csignal>
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 
-#include "realtime/base/input_error.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "recon/topside/viewer/dive_server.hpp"
 
 namespace fathom::topside {
@@ -39,17 +36,16 @@ int runView(const ViewOptions& options) {
 
 }  // namespace
 
-std::function<int()> addViewCommand(CLI::App& app, CLI::App*& command) {
+void addViewCommand(CommandLine& app) {
   auto options = std::make_shared<ViewOptions>();
-  command = app.add_subcommand("view", "open a dive's output in the browser");
-  command->footer("Example: fathom-topside view missions/reef-grid");
-  command->add_option("folder", options->folder, "output folder, or the mission folder around it")
-      ->required();
-  command->add_option("--http,--port", options->port, "port on 127.0.0.1; 0: any that is free (8090)")
+  CommandLine& command =
+      app.command("view", "open a dive's output in the browser",
+                  "Example: fathom-topside view missions/reef-grid", [options] { return runView(*options); });
+  command.add_option("folder", options->folder, "output folder, or the mission folder around it")->required();
+  command.add_option("--http,--port", options->port, "port on 127.0.0.1; 0: any that is free (8090)")
       ->check(CLI::Range(0, 65535));
-  command->add_option("--page", options->page,
-                      "folder of the page (default: ../share/fathom/topside from the program)");
-  return [options] { return runView(*options); };
+  command.add_option("--page", options->page,
+                     "folder of the page (default: ../share/fathom/topside from the program)");
 }
 
 }  // namespace fathom::topside

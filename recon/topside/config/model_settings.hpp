@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "recon/fusion/space_division.hpp"
-#include "recon/geometry/tile_grid.hpp"
+#include "recon/geometry/tile_mesh.hpp"
 #include "recon/products/tiles/picture_codec.hpp"
 #include "recon/surface/blend.hpp"
 

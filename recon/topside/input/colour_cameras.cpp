@@ -5,7 +5,7 @@
 
 #include "realtime/base/input_error.hpp"
 #include "recon/import/calibration/calibration.hpp"
-#include "recon/import/images/image_probe.hpp"
+#include "recon/import/images/image_samples.hpp"
 #include "recon/import/images/stereo_files.hpp"
 
 namespace fathom::topside {

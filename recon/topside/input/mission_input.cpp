@@ -10,10 +10,10 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
+#include "recon/geometry/camera.hpp"
 #include "recon/geometry/colour.hpp"
-#include "recon/geometry/flat_port.hpp"
 #include "recon/import/calibration/calibration.hpp"
-#include "recon/import/images/image_probe.hpp"
+#include "recon/import/images/image_samples.hpp"
 
 namespace fathom::topside {
 namespace fs = std::filesystem;

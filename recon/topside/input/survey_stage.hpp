@@ -4,7 +4,7 @@
 #include "recon/import/navigation/nav_data.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/mission_input.hpp"
-#include "recon/topside/input/navigation_seed_plane.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::stereo {

@@ -12,7 +12,7 @@
 #include "realtime/base/progress.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/topside/input/scout_planes.hpp"
-#include "recon/topside/light/camera_ranges.hpp"
+#include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::topside {

@@ -6,7 +6,7 @@
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/survey_stage.hpp"
-#include "recon/topside/work/work_file.hpp"
+#include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
 

@@ -8,9 +8,9 @@
 #include <utility>
 #include <vector>
 
-#include "recon/closure/recognition.hpp"
+#include "recon/closure/candidates.hpp"
+#include "recon/closure/place_index.hpp"
 #include "recon/closure/registration.hpp"
-#include "recon/closure/stretches.hpp"
 #include "recon/navigation/graph/navigation_batch.hpp"
 #include "recon/solver/batch/graph_covariance.hpp"
 #include "recon/topside/localise/feature_stage.hpp"

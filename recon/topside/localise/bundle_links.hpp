@@ -3,13 +3,20 @@
 #include <functional>
 #include <vector>
 
+#include "recon/closure/frame_features.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/navigation/graph/navigation_batch.hpp"
 #include "recon/solver/batch/bundle_adjustment.hpp"
-#include "recon/topside/input/navigation_seed_plane.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 
 namespace fathom::topside {
+
+// The features that each link rests on, which are not kept: every link is registered once more about its own
+// result. `visit` is called one by one, in order of the links; none where that fails.
+void forEachMatched(const StereoRig& rig, const Frames& frames,
+                    const std::vector<slam::NavigationLink>& links,
+                    const std::function<void(std::size_t link, const std::vector<closure::Match>&)>& visit);
 
 // The left image of a pair in 8-bit grey, which is valid until the same thread asks for the next; empty where
 // it cannot be read. Called by several threads at once.

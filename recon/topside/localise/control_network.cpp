@@ -287,7 +287,15 @@ ControlResult ControlNetwork::adjust(Solved& network) {
   graph.poses = state.poses;
   append(network, out.scale, graph);
 
+  report(network, by_scale, out);
+  return out;
+}
+
+void ControlNetwork::report(const Solved& network, const std::vector<Eigen::Vector3d>& by_scale,
+                            ControlResult& out) {
+  const slam::PoseGraph& graph = *network.graph;
   const slam::GraphCovariance known(graph);
+  const std::size_t first = graph.poses.size() - control_.points.size();
   std::vector<SE3> frames;
   for (const int node : network.nodes) frames.push_back(graph.poses[at(node)]);
   for (Mark& mark : marks_) mark.place *= out.scale;
@@ -300,7 +308,7 @@ ControlResult ControlNetwork::adjust(Solved& network) {
     result.surveyed = point.place.has_value();
     result.check = point.check;
     result.left_out = left_out_[k];
-    const auto node = static_cast<int>(before + k);
+    const auto node = static_cast<int>(first + k);
     result.place = graph.poses[at(node)].translation();
     double squares = 0;
     for (const Mark& mark : marks_) {
@@ -327,7 +335,6 @@ ControlResult ControlNetwork::adjust(Solved& network) {
     out.bars.push_back({control_.points[bar.from].name, control_.points[bar.to].name, bar.check, bar.length,
                         bar.sigma, (placeOf(bar.to) - placeOf(bar.from)).norm() - bar.length});
   }
-  return out;
 }
 
 }  // namespace fathom::topside

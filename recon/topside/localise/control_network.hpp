@@ -111,6 +111,8 @@ class ControlNetwork {
   void append(const Solved& network, double scale, slam::PoseGraph& graph) const;
   [[nodiscard]] State solved(const Solved& network, double scale, const std::vector<SE3>& start) const;
   [[nodiscard]] bool leaveOut(const Solved& network, const State& state);
+  // What points and bars came to in the adjusted network; `by_scale`: how places move with the scale.
+  void report(const Solved& network, const std::vector<Eigen::Vector3d>& by_scale, ControlResult& out);
 
   const ControlPoints& control_;
   const StereoRig& rig_;

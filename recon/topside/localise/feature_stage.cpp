@@ -3,7 +3,7 @@
 #include <optional>
 
 #include "realtime/base/numbers/order_statistics.hpp"
-#include "recon/topside/input/navigation_seed_plane.hpp"
+#include "recon/topside/input/scout_planes.hpp"
 
 namespace fathom::topside {
 namespace {

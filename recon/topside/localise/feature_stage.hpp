@@ -1,12 +1,23 @@
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "firmware_if/mission/mission.hpp"
+#include "recon/closure/frame_features.hpp"
 #include "recon/topside/input/survey_stage.hpp"
-#include "recon/topside/localise/feature_store.hpp"
 
 namespace fathom::topside {
+
+// What the pairs of a mission are recognised by, kept where the caller wants. load() may be called by several
+// threads at once.
+class FeatureStore {
+ public:
+  virtual ~FeatureStore() = default;
+  [[nodiscard]] virtual std::size_t count(std::size_t pair) const = 0;  // 0: cannot be read, or shows nothing
+  // Replaces `out`; its memory is used again. Throws InputError for a file that cannot be read any more.
+  virtual void load(std::size_t pair, closure::FrameFeatures& out) const = 0;
+};
 
 // The pairs that have a pose, by time, and where to find what they are recognised by.
 struct Frames {

@@ -1,4 +1,4 @@
-#include "recon/topside/localise/free_poses.hpp"
+#include "recon/topside/localise/free_network.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,11 +6,8 @@
 #include <set>
 
 #include "recon/closure/place_index.hpp"
-#include "recon/closure/recognition.hpp"
 #include "recon/topside/localise/batch_closure_search.hpp"
-#include "recon/topside/localise/free_network.hpp"
-#include "recon/topside/localise/ground_steps.hpp"
-#include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/localise/first_links.hpp"
 #include "recon/topside/work/run_stage_times.hpp"
 
 namespace fathom::topside {

@@ -1,4 +1,4 @@
-#include "recon/topside/localise/ground_picture.hpp"
+#include "recon/topside/localise/ground_alignment.hpp"
 
 #include <algorithm>
 #include <cmath>

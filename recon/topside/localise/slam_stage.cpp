@@ -9,8 +9,7 @@
 #include "recon/navigation/graph/navigation_config.hpp"
 #include "recon/topside/localise/batch_closure_search.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
-#include "recon/topside/localise/recognised_places.hpp"
-#include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/localise/first_links.hpp"
 #include "recon/topside/work/run_stage_times.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
@@ -126,6 +125,205 @@ SlamResult::Usbl usblOf(const slam::NavigationSolution& solved, const slam::Grap
           variance.head<2>().cwiseSqrt(), now.euler().z(), std::sqrt(variance(5))};
 }
 
+slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::NavigationConfig graph) {
+  const bool predicted = readTide(mission.tide_model, mission.start_utc_ns).has_value();
+  graph.noise = predicted ? slam::withTideModel(graph.noise) : slam::withoutTideModel(graph.noise);
+  graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
+  graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
+  return graph;
+}
+
+// One dive with navigation: its network of keyframes is solved again after every search for closures.
+class Localisation {
+ public:
+  // All must outlive it; two frames at least.
+  Localisation(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+               const Frames& frames, SlamResult begun)
+      : input_(input),
+        config_(config),
+        survey_(survey),
+        frames_(frames),
+        out_(std::move(begun)),
+        graph_(graphOf(input.mission, config.navigation)),
+        inputs_(inputsOf(frames, survey.navigation)),
+        fixes_(fixesOf(frames, survey.navigation)),
+        search_(input.rig, frames, graph_.noise.visual_scale, graph_.rig) {}
+
+  SlamResult run(const GreyImages& images) {
+    links_ = visualOdometry(input_.rig, frames_);
+    const std::size_t odometry = links_.size();
+    lap("odometry");
+    solveByOdometry();
+    for (std::size_t round = 0; round < kClosureRounds; ++round)
+      if (!findClosures()) break;
+    recognise();
+    adjust(images);
+    if (input_.control) {
+      ControlNetwork control(*input_.control, sightingsOf(*input_.control, survey_.list), input_.rig,
+                             frames_);
+      out_.control = held(control, graph_.rig.scale, solved_, links_);
+      lap("control");
+    }
+    look();
+    reportSearch();
+    reportSensors();
+    reportPoses();
+    reportLinks(odometry);
+    return std::move(out_);
+  }
+
+ private:
+  void lap(const char* stage) { out_.seconds[stage] += watch_.lap(); }
+
+  // Dead reckoning is given in nav already, as all fixes together place it; the graph weighs them again.
+  void solve() {
+    const Navigation& navigation = survey_.navigation;
+    links_ = search_.straightened(std::move(links_), shared_ - straightened_by_);
+    straightened_by_ = shared_;
+    solved_ = slam::solveNavigation(graph_, inputs_, navigation.gps_shift.value_or(Eigen::Vector2d::Zero()),
+                                    navigation.gps_shift ? navigation.gps_sigma : kAnywhere, links_, fixes_,
+                                    std::move(solved_));
+  }
+
+  void solveByOdometry() {
+    solve();
+    graph_.noise = slam::adaptedNoise(graph_.noise, inputs_, fixes_, solved_);
+    solved_ = {};
+    solve();
+    lap("network");
+  }
+
+  void look() {
+    search_.look(solved_, links_, straightened_by_);
+    shared_ = search_.known().shared();
+  }
+
+  // Adds links that were found, and solves with them.
+  void take(std::vector<slam::NavigationLink> found) {
+    found = search_.straightened(std::move(found), straightened_by_);
+    links_.insert(links_.end(), found.begin(), found.end());
+    solve();
+    lap("network");
+  }
+
+  // One round; false when it found nothing.
+  bool findClosures() {
+    const auto a_frame = static_cast<std::size_t>(config_.slam_candidates);
+    look();
+    std::vector<Attempt> attempts =
+        search_.candidates(a_frame * frames_.pair.size() / kClosureRounds, a_frame);
+    lap("candidates");
+    std::vector<slam::NavigationLink> found = search_.attempt(attempts);
+    for (const Attempt& t : attempts)
+      out_.tried.push_back({frames_.pair[t.a], frames_.pair[t.b], t.accepted()});
+    lap("closures");
+    if (found.empty()) return false;
+    take(std::move(found));
+    return true;
+  }
+
+  // Places that look alike wherever they are; one more round of closures if there are any.
+  void recognise() {
+    std::vector<slam::NavigationLink> found = recognisePlaces(input_.rig, frames_, solved_, links_);
+    lap("places");
+    if (found.empty()) return;
+    for (const slam::NavigationLink& link : found)
+      out_.tried.push_back({frames_.pair[link.a], frames_.pair[link.b], true});
+    take(std::move(found));
+    (void)findClosures();
+  }
+
+  // Bundle adjustment, and the errors that all features share.
+  void adjust(const GreyImages& images) {
+    const auto solve_again = [&] {
+      solved_ = {};  // the sensors are judged by the steps as they are now
+      solve();
+    };
+    const auto error = [&](const Eigen::Vector2d& tangent) {
+      return search_.disparityError(straightened_by_, tangent);
+    };
+    out_.bundled =
+        bundled(input_.rig, config_, survey_, frames_, images, links_, solved_.poses, solve_again, error);
+    lap("bundle");
+    shared_ = search_.estimate(solved_, links_, straightened_by_);
+    solve();
+  }
+
+  void reportSearch() {
+    const Crossings crossings = search_.crossings(links_);
+    out_.crossings_expected = crossings.expected;
+    out_.crossings_unverified = crossings.unverified;
+    out_.unconfirmed = search_.unconfirmed();
+    out_.converged = solved_.converged;
+    lap("crossings");
+    out_.refused = search_.refused();
+  }
+
+  void reportSensors() {
+    out_.sensors = solved_.sensors;
+    out_.mounting = slam::mountingOf(inputs_, links_, graph_.noise);
+    const Eigen::Matrix3d R_body_cam = input_.mission.T_body_cam.matrix3();
+    Eigen::Vector3d& sigma_turn = out_.mounting.camera_turn_sigma;
+    sigma_turn = (R_body_cam.cwiseAbs2() * sigma_turn.cwiseAbs2()).cwiseSqrt();
+    out_.mounting.camera_turn = R_body_cam * out_.mounting.camera_turn;
+    for (const slam::NavigationFix& fix : fixes_) ++(fix.kept ? out_.fixes_kept : out_.fixes_removed);
+    if (solved_.usbl_node >= 0) out_.usbl = usblOf(solved_, search_.known());
+  }
+
+  // With the uncertainty of some.
+  void reportPoses() {
+    double squares = 0;
+    const std::size_t every = solved_.poses.size() / kReportedPoses + 1;
+    for (std::size_t k = 0; k < solved_.poses.size(); ++k) {
+      const SE3& pose = solved_.poses[k];
+      squares += (pose.translation() - frames_.reckoned[k].translation()).head<2>().squaredNorm();
+      out_.poses[frames_.pair[k]].T_nav_body = pose * input_.mission.T_body_cam.inverse();
+      if (k % every == 0)
+        out_.uncertain.push_back({frames_.pair[k], pose, Matrix6d::Zero(), Matrix6d::Zero()});
+    }
+    const slam::GraphCovariance& known = search_.known();
+    const int first = solved_.nodes.front();
+    const slam::GraphCovariance::TreePath from = known.pathOf(first);
+    oneapi::tbb::parallel_for(std::size_t{0}, out_.uncertain.size(), [&](std::size_t i) {
+      const int node = solved_.nodes[i * every];
+      const slam::GraphCovariance::TreePath path = known.pathOf(node);
+      out_.uncertain[i].covariance = known.of(node, path);
+      out_.uncertain[i].since_first = known.between(first, from, node, path);
+    });
+    out_.moved_rms = std::sqrt(squares / static_cast<double>(solved_.poses.size()));
+    lap("covariance");
+  }
+
+  // The first `odometry` links are visual odometry.
+  void reportLinks(std::size_t odometry) {
+    for (std::size_t i = 0; i < links_.size(); ++i) {
+      slam::NavigationLink link = links_[i];
+      link.a = frames_.pair[link.a];
+      link.b = frames_.pair[link.b];
+      (i < odometry ? out_.odometry : out_.closures).push_back(link);
+    }
+    std::stable_sort(out_.closures.begin(), out_.closures.end(),
+                     [](const slam::NavigationLink& x, const slam::NavigationLink& y) {
+                       return x.a != y.a ? x.a < y.a : x.b < y.b;
+                     });
+  }
+
+  const MissionInput& input_;
+  const TopsideConfig& config_;
+  const Survey& survey_;
+  const Frames& frames_;
+  SlamResult out_;
+  slam::NavigationConfig graph_;
+  std::vector<slam::KeyframeInput> inputs_;
+  std::vector<slam::NavigationFix> fixes_;
+  BatchClosureSearch search_;
+  std::vector<slam::NavigationLink> links_;
+  slam::NavigationSolution solved_;
+  // Errors that all features share: as they are known now, and as they were taken out of the links.
+  BatchClosureSearch::Shared shared_ = BatchClosureSearch::Shared::Zero(), straightened_by_ = shared_;
+  Stopwatch watch_;
+};
+
 }  // namespace
 
 Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const Digest& survey,
@@ -182,140 +380,12 @@ SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config, c
 
 SlamResult localise(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
                     const FeatureStore& features, const GreyImages& images) {
-  const io::MissionConfig& mission = input.mission;
-  const StereoRig& rig = input.rig;
-  const Navigation& navigation = survey.navigation;
   SlamResult out;
-  out.poses = navigation.poses;
-  Stopwatch watch;
-  const auto lap = [&](const char* stage) { out.seconds[stage] += watch.lap(); };
-  const Frames frames = framesOf(mission, survey, features);
+  out.poses = survey.navigation.poses;
+  const Frames frames = framesOf(input.mission, survey, features);
   for (std::size_t k = 0; k < frames.pair.size(); ++k) out.frames += frames.blank(k) ? 0U : 1U;
   if (frames.pair.size() < 2) return out;
-
-  std::vector<slam::NavigationLink> links = visualOdometry(rig, frames);
-  const std::size_t odometry = links.size();
-  lap("odometry");
-
-  // Dead reckoning is given in nav already, as all fixes together place it; the graph weighs them again.
-  const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
-  std::vector<slam::NavigationFix> fixes = fixesOf(frames, navigation);
-  const Eigen::Vector2d shift = navigation.gps_shift.value_or(Eigen::Vector2d::Zero());
-  const double sigma = navigation.gps_shift ? navigation.gps_sigma : kAnywhere;
-  slam::NavigationConfig graph = config.navigation;
-  const bool predicted = readTide(mission.tide_model, mission.start_utc_ns).has_value();
-  graph.noise = predicted ? slam::withTideModel(graph.noise) : slam::withoutTideModel(graph.noise);
-  graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
-  graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
-  slam::NavigationSolution solved;
-  BatchClosureSearch search(rig, frames, graph.noise.visual_scale, graph.rig);
-  BatchClosureSearch::Shared shared = BatchClosureSearch::Shared::Zero(), straightened_by = shared;
-  const auto solve = [&] {
-    links = search.straightened(std::move(links), shared - straightened_by);
-    straightened_by = shared;
-    solved = slam::solveNavigation(graph, inputs, shift, sigma, links, fixes, std::move(solved));
-  };
-  const auto take = [&](std::vector<slam::NavigationLink> found) {
-    found = search.straightened(std::move(found), straightened_by);
-    links.insert(links.end(), found.begin(), found.end());
-  };
-  const auto look = [&] {
-    search.look(solved, links, straightened_by);
-    shared = search.known().shared();
-  };
-  solve();
-  graph.noise = slam::adaptedNoise(graph.noise, inputs, fixes, solved);
-  solved = {};
-  solve();
-  lap("network");
-  const auto a_frame = static_cast<std::size_t>(config.slam_candidates);
-  const std::size_t most = a_frame * frames.pair.size() / kClosureRounds;
-  // False when nothing was found.
-  const auto seek = [&] {
-    look();
-    std::vector<Attempt> attempts = search.candidates(most, a_frame);
-    lap("candidates");
-    std::vector<slam::NavigationLink> found = search.attempt(attempts);
-    for (const Attempt& t : attempts) out.tried.push_back({frames.pair[t.a], frames.pair[t.b], t.accepted()});
-    lap("closures");
-    if (found.empty()) return false;
-    take(std::move(found));
-    solve();
-    lap("network");
-    return true;
-  };
-  for (std::size_t round = 0; round < kClosureRounds && seek(); ++round) continue;
-  const std::vector<slam::NavigationLink> recognised = recognisePlaces(rig, frames, solved, links);
-  lap("places");
-  for (const slam::NavigationLink& link : recognised)
-    out.tried.push_back({frames.pair[link.a], frames.pair[link.b], true});
-  if (!recognised.empty()) {
-    take(recognised);
-    solve();
-    lap("network");
-    (void)seek();
-  }
-  const auto solve_again = [&] {
-    solved = {};  // the sensors are judged by the steps as they are now
-    solve();
-  };
-  out.bundled = bundled(rig, config, survey, frames, images, links, solved.poses, solve_again,
-                        [&](const auto& tangent) { return search.disparityError(straightened_by, tangent); });
-  lap("bundle");
-  shared = search.estimate(solved, links, straightened_by);
-  solve();
-  if (input.control) {
-    ControlNetwork control(*input.control, sightingsOf(*input.control, survey.list), rig, frames);
-    out.control = held(control, graph.rig.scale, solved, links);
-    lap("control");
-  }
-  look();
-  const Crossings crossings = search.crossings(links);
-  out.crossings_expected = crossings.expected;
-  out.crossings_unverified = crossings.unverified;
-  out.unconfirmed = search.unconfirmed();
-  out.converged = solved.converged;
-  lap("crossings");
-  out.refused = search.refused();
-  out.sensors = solved.sensors;
-  out.mounting = slam::mountingOf(inputs, links, graph.noise);
-  const Eigen::Matrix3d R_body_cam = mission.T_body_cam.matrix3();
-  Eigen::Vector3d& sigma_turn = out.mounting.camera_turn_sigma;
-  sigma_turn = (R_body_cam.cwiseAbs2() * sigma_turn.cwiseAbs2()).cwiseSqrt();
-  out.mounting.camera_turn = R_body_cam * out.mounting.camera_turn;
-  for (const slam::NavigationFix& fix : fixes) ++(fix.kept ? out.fixes_kept : out.fixes_removed);
-
-  const slam::GraphCovariance& known = search.known();
-  if (solved.usbl_node >= 0) out.usbl = usblOf(solved, known);
-  double squares = 0;
-  const std::size_t every = solved.poses.size() / kReportedPoses + 1;
-  for (std::size_t k = 0; k < solved.poses.size(); ++k) {
-    const SE3& pose = solved.poses[k];
-    squares += (pose.translation() - frames.reckoned[k].translation()).head<2>().squaredNorm();
-    out.poses[frames.pair[k]].T_nav_body = pose * mission.T_body_cam.inverse();
-    if (k % every == 0) out.uncertain.push_back({frames.pair[k], pose, Matrix6d::Zero(), Matrix6d::Zero()});
-  }
-  const int first = solved.nodes.front();
-  const slam::GraphCovariance::TreePath from = known.pathOf(first);
-  oneapi::tbb::parallel_for(std::size_t{0}, out.uncertain.size(), [&](std::size_t i) {
-    const int node = solved.nodes[i * every];
-    const slam::GraphCovariance::TreePath path = known.pathOf(node);
-    out.uncertain[i].covariance = known.of(node, path);
-    out.uncertain[i].since_first = known.between(first, from, node, path);
-  });
-  out.moved_rms = std::sqrt(squares / static_cast<double>(solved.poses.size()));
-  lap("covariance");
-  for (std::size_t i = 0; i < links.size(); ++i) {
-    slam::NavigationLink link = links[i];
-    link.a = frames.pair[link.a];
-    link.b = frames.pair[link.b];
-    (i < odometry ? out.odometry : out.closures).push_back(link);
-  }
-  std::stable_sort(out.closures.begin(), out.closures.end(),
-                   [](const slam::NavigationLink& x, const slam::NavigationLink& y) {
-                     return x.a != y.a ? x.a < y.a : x.b < y.b;
-                   });
-  return out;
+  return Localisation(input, config, survey, frames, std::move(out)).run(images);
 }
 
 }  // namespace fathom::topside

@@ -13,7 +13,7 @@
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/bundle_links.hpp"
 #include "recon/topside/localise/control_network.hpp"
-#include "recon/topside/localise/feature_store.hpp"
+#include "recon/topside/localise/feature_stage.hpp"
 #include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {

@@ -7,7 +7,7 @@
 #include "recon/geometry/tile_mesh.hpp"
 #include "recon/topside/config/model_settings.hpp"
 #include "recon/topside/work/digest.hpp"
-#include "recon/topside/work/work_file.hpp"
+#include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
 

@@ -8,15 +8,24 @@
 #include <unordered_map>
 #include <vector>
 
+#include "recon/geometry/camera.hpp"
+#include "recon/geometry/se3.hpp"
 #include "recon/surface/band_image.hpp"
 #include "recon/topside/input/mission_input.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/light/pair_images.hpp"
-#include "recon/topside/pieces/texture_cameras.hpp"
 #include "recon/topside/prepare/prepared_groups.hpp"
 
 namespace fathom::topside {
+
+// A camera whose images are texture.
+struct TextureCamera {
+  std::size_t number = 0;  // of MissionInput
+  Camera camera;           // as its images are in `bands`
+  SE3 T_left_cam;
+  surface::BandWidths bands;
+};
 
 // One camera's image of a pair, as the texture numbers them.
 [[nodiscard]] inline std::uint32_t viewOf(std::uint32_t pair, std::uint32_t camera, std::size_t cameras) {

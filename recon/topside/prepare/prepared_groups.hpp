@@ -1,12 +1,16 @@
 #pragma once
 
+#include <oneapi/tbb/enumerable_thread_specific.h>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
-#include "recon/topside/localise/feature_store.hpp"
+#include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/localise/feature_stage.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"
-#include "recon/topside/work/work_file.hpp"
+#include "recon/topside/work/stage_runner.hpp"
+#include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
 
@@ -56,6 +60,33 @@ class PreparedGroups final : public FeatureStore {
   std::vector<WorkFile> groups_;
   std::vector<PairFacts> facts_;
   double scale_ = 1;
+};
+
+// What pairs are prepared from. All that it points to must outlive the stage.
+struct PrepareInputs {
+  const MissionInput* input = nullptr;
+  const TopsideConfig* config = nullptr;
+  const Survey* survey = nullptr;
+  const LightingModels* lighting = nullptr;
+  Digest lighting_content;
+  const std::vector<Digest>* image_identities = nullptr;  // of every pair
+  bool localised = true;                                  // features are wanted, not meshes alone
+};
+
+// Pairs read once, group by group (PreparedGroups). The pairs of a group are made in parallel; the results do
+// not depend on the number of threads.
+class PrepareStage {
+ public:
+  explicit PrepareStage(const PrepareInputs& inputs) : in_(inputs) {}
+  // One a group; the stage must outlive them.
+  [[nodiscard]] std::vector<StageTask> tasks();
+
+ private:
+  [[nodiscard]] Digest key(std::size_t first, std::size_t last) const;
+  Costs make(std::size_t first, std::size_t last, WorkFileWriter& file);
+
+  PrepareInputs in_;
+  oneapi::tbb::enumerable_thread_specific<std::unique_ptr<PairPreparer>> preparers_;
 };
 
 }  // namespace fathom::topside

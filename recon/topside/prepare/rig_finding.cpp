@@ -10,11 +10,11 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
-#include "recon/calibration/epipolar_check.hpp"
+#include "recon/calibration/sensor_checks.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/light/pair_images.hpp"
-#include "recon/topside/localise/visual_odometry.hpp"
+#include "recon/topside/localise/first_links.hpp"
 #include "recon/topside/prepare/pair_preparer.hpp"
 
 namespace fathom::topside {

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/text.hpp"
-#include "recon/geometry/symmetric_eigen.hpp"
+#include "recon/geometry/uncertain_pose.hpp"
+#include "telemetry/web/report_fields.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -16,7 +16,7 @@ namespace {
 
 using calibration::BoardCheck;
 using calibration::BoardError;
-using Json = nlohmann::ordered_json;
+using web::Fields;
 
 constexpr double kMaxZ = 0.02, kAtRange = 2.0;  // [m]
 constexpr double kNearestRange = 1.0;           // [m]
@@ -84,27 +84,40 @@ web::Plot errorsAlong(const BoardCheck& check, int axis) {
   return plot;
 }
 
-Json boardJson(const BoardCheck& check, const BoardVerdict& verdict,
-               const std::vector<calibration::DroppedView>& dropped) {
-  Json boards = Json::array(), without = Json::array();
+std::vector<Fields> boardRecords(const BoardCheck& check) {
+  std::vector<Fields> out;
   for (const BoardError& b : check.boards)
-    boards.push_back({{"name", b.name},
-                      {"range_m", b.range},
-                      {"rms_m", b.rms},
-                      {"max_z_m", b.max_z},
-                      {"allowed_z_m", allowed(b)},
-                      {"scale", b.scale}});
-  for (const auto& d : dropped) without.push_back({{"name", d.name}, {"reason", d.reason}});
+    out.push_back({{"name", b.name, "pair"},
+                   {"range_m", b.range, "range [m]", 2},
+                   {"rms_m", b.rms, "RMS [mm]", 2, 1e3},
+                   {"max_z_m", b.max_z, "largest z [mm]", 2, 1e3},
+                   {"allowed_z_m", allowed(b), "allowed [mm]", 1, 1e3},
+                   {"scale", b.scale, "scale", 5}});
+  return out;
+}
+
+std::vector<Fields> leftOutRecords(const BoardCheck& check,
+                                   const std::vector<calibration::DroppedView>& dropped) {
+  std::vector<Fields> out;
+  for (const auto& d : dropped) out.push_back({{"name", d.name, "pair"}, {"reason", d.reason, "reason"}});
   for (const auto& name : check.failed)
-    without.push_back({{"name", name}, {"reason", "does not triangulate"}});
-  Json covariance = Json::array();
-  for (int i = 0; i < 3; ++i)
-    covariance.push_back({check.covariance(i, 0), check.covariance(i, 1), check.covariance(i, 2)});
-  return {{"good", verdict.good},        {"verdict", verdict.lines},
-          {"max_z_m", check.max_z},      {"rms_m", check.rms},
-          {"scale", check.scale},        {"mean_m", {check.mean.x(), check.mean.y(), check.mean.z()}},
-          {"covariance_m2", covariance}, {"boards", boards},
-          {"dropped", without}};
+    out.push_back({{"name", name, "pair"}, {"reason", "does not triangulate", "reason"}});
+  return out;
+}
+
+Fields checkFields(const BoardCheck& check, const BoardVerdict& verdict,
+                   const std::vector<calibration::DroppedView>& dropped) {
+  web::Field::Json covariance;
+  for (int i = 0; i < 3; ++i) covariance.push_back(web::jsonOf(check.covariance.row(i)));
+  return {{"good", verdict.good},
+          {"verdict", verdict.lines},
+          {"max_z_m", check.max_z},
+          {"rms_m", check.rms},
+          {"scale", check.scale},
+          {"mean_m", web::jsonOf(check.mean)},
+          {"covariance_m2", covariance},
+          {"boards", web::jsonOf(boardRecords(check))},
+          {"dropped", web::jsonOf(leftOutRecords(check, dropped))}};
 }
 
 web::ReportPage boardPageOf(const BoardCheck& check, const BoardVerdict& verdict,
@@ -119,16 +132,9 @@ web::ReportPage boardPageOf(const BoardCheck& check, const BoardVerdict& verdict
     report.plot(scatter(check, a, b));
   for (int axis = 0; axis < 3; ++axis) report.plot(errorsAlong(check, axis));
   report.section("Boards");
-  std::vector<web::Row> rows;
-  for (const BoardError& b : check.boards)
-    rows.push_back({b.name, decimals(b.range, 2), decimals(1e3 * b.rms, 2), decimals(1e3 * b.max_z, 2),
-                    decimals(1e3 * allowed(b), 1), decimals(b.scale, 5)});
-  report.table({"pair", "range [m]", "RMS [mm]", "largest z [mm]", "allowed [mm]", "scale"}, rows);
+  web::addTable(report, boardRecords(check));
   report.section("Left out");
-  std::vector<std::string> left_out;
-  for (const auto& d : dropped) left_out.push_back(d.name + ": " + d.reason);
-  for (const auto& name : check.failed) left_out.push_back(name + ": a corner does not triangulate");
-  report.list(left_out);
+  web::addTable(report, leftOutRecords(check, dropped));
   return report;
 }
 
@@ -159,7 +165,7 @@ BoardVerdict judge(const BoardCheck& check) {
 void writeBoardCheck(const std::filesystem::path& folder, const BoardCheck& check,
                      const BoardVerdict& verdict, const std::vector<calibration::DroppedView>& dropped) {
   boardPageOf(check, verdict, dropped).write(folder / "board-check.html");
-  writeFile(folder / "board-check.json", boardJson(check, verdict, dropped).dump(2) + "\n");
+  writeFile(folder / "board-check.json", web::jsonOf(checkFields(check, verdict, dropped)).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "recon/calibration/board_check.hpp"
+#include "recon/calibration/chessboard.hpp"
 
 namespace fathom::topside {
 

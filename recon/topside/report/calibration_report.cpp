@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <set>
 
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/geometry/flat_port.hpp"
-#include "recon/topside/report/json_values.hpp"
+#include "recon/geometry/camera.hpp"
+#include "telemetry/web/report_fields.hpp"
 #include "telemetry/web/report_page.hpp"
 
 namespace fathom::topside {
@@ -18,7 +17,7 @@ namespace {
 using calibration::CalibratedView;
 using calibration::Corners;
 using calibration::RigCalibration;
-using Json = nlohmann::ordered_json;
+using web::Fields;
 
 constexpr int kCellsAcross = 8, kCellsDown = 6;
 // Where less of an image than this was seen, its distortion there is guessed.
@@ -40,59 +39,106 @@ constexpr Named kIntrinsics[] = {{"fx", &Camera::fx, &calibration::CameraSigma::
                                  {"p2", &Camera::p2, &calibration::CameraSigma::p2, 5},
                                  {"k3", &Camera::k3, &calibration::CameraSigma::k3, 5}};
 
-Json cameraJson(const Camera& camera, const calibration::CameraSigma& sigma) {
-  Json out{{"width_px", camera.width}, {"height_px", camera.height}};
-  for (const Named& n : kIntrinsics) out[n.name] = {{"value", camera.*n.value}, {"sigma", sigma.*n.sigma}};
-  return out;
-}
-
 // What the file says: behind a port the camera in air.
 const Camera& lensOf(const Camera& camera) {
   return camera.port ? camera.port->air : camera;
 }
 
-Json portJson(const Camera& camera, const calibration::PortSigma& sigma) {
-  if (!camera.port) return nullptr;
+// A row of the page; what neither this camera nor the other has was not estimated.
+Fields cameraFields(const Camera& camera, const calibration::CameraSigma& sigma, const Camera& other) {
+  const Camera &lens = lensOf(camera), &other_lens = lensOf(other);
+  Fields out{{"width_px", lens.width}, {"height_px", lens.height}};
+  for (const Named& n : kIntrinsics) {
+    const double value = lens.*n.value;
+    const bool estimated = value != 0 || other_lens.*n.value != 0;
+    out.emplace_back(n.name, Fields{{"value", value, estimated ? n.name : "",
+                                     camera.port ? decimals(value, n.digits)
+                                                 : web::plusMinus(value, sigma.*n.sigma, n.digits)},
+                                    {"sigma", sigma.*n.sigma}});
+  }
+  return out;
+}
+
+Fields portFields(const Camera& camera, const calibration::PortSigma& sigma) {
+  if (!camera.port) return {};
   const FlatPort& port = *camera.port;
-  return {{"normal", {port.normal.x(), port.normal.y(), port.normal.z()}},
-          {"normal_sigma", {sigma.normal.x(), sigma.normal.y()}},
-          {"distance_m", {{"value", port.distance}, {"sigma", sigma.distance}}},
+  const auto turned = [&](Eigen::Index i) {
+    return web::plusMinus(kDegreesPerRadian * port.normal(i), kDegreesPerRadian * sigma.normal(i), 3);
+  };
+  return {{"normal", web::jsonOf(port.normal), "port: normal to the right, downwards [deg]",
+           turned(0) + ", " + turned(1)},
+          {"normal_sigma", web::jsonOf(sigma.normal)},
+          {"distance_m", Fields{{"value", port.distance, "port: distance [mm]",
+                                 web::plusMinus(1e3 * port.distance, 1e3 * sigma.distance, 2)},
+                                {"sigma", sigma.distance}}},
           {"glass_m", port.glass},
           {"glass_index", port.glass_index},
           {"water_index", port.water_index}};
 }
 
-Json calibrationJson(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
-  Json views = Json::array(), dropped = Json::array();
+std::vector<Fields> viewRecords(const RigCalibration& done) {
+  std::vector<Fields> out;
   for (const CalibratedView& v : done.views)
-    views.push_back({{"name", v.name},
-                     {"left_rms_px", v.left_rms},
-                     {"right_rms_px", v.right_rms},
-                     {"stereo_rms_px", v.stereo_rms}});
-  for (const auto& d : done.dropped) dropped.push_back({{"name", d.name}, {"reason", d.reason}});
+    out.push_back(web::named("number", std::to_string(out.size() + 1),
+                             {{"name", v.name, "view"},
+                              {"left_rms_px", v.left_rms, "left [px]", 3},
+                              {"right_rms_px", v.right_rms, "right [px]", 3},
+                              {"stereo_rms_px", v.stereo_rms, "stereo [px]", 3},
+                              {"", v.distance, "distance [m]", 2}}));
+  return out;
+}
+
+std::vector<Fields> droppedRecords(const RigCalibration& done) {
+  std::vector<Fields> out;
+  for (const auto& d : done.dropped)
+    out.push_back({{"name", d.name, "view"}, {"reason", d.reason, "reason"}});
+  return out;
+}
+
+Fields boardFields(const std::optional<calibration::Chessboard>& board) {
+  if (!board) return {};
+  return {{"columns", board->columns, "inner corners of the chessboard in a row"},
+          {"rows", board->rows, "and in a column"},
+          {"square_m", board->square, "its squares [mm]", 2, 1e3}};
+}
+
+// The file; what has a title is in the page's first table.
+Fields calibrationFields(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
+  const Camera &left = done.rig.left, &right = done.rig.right;
   const SE3& T = done.rig.T_right_left;
-  const Json shown =
-      board ? Json{{"columns", board->columns}, {"rows", board->rows}, {"square_m", board->square}} : Json();
-  const Json alone =
-      done.rig.left.port ? Json() : Json{{"left", done.left_alone_rms}, {"right", done.right_alone_rms}};
-  return {{"board", shown},
-          {"rms_px", {{"left", done.left_rms}, {"right", done.right_rms}, {"stereo", done.stereo_rms}}},
-          {"rms_alone_px", alone},
-          {"baseline_m", {{"value", done.rig.baseline()}, {"sigma", done.sigma.baseline}}},
-          {"T_right_left",
-           {{"translation_m", jsonOf(T.translation())},
-            {"translation_sigma_m", jsonOf(done.sigma.translation)},
-            {"euler_rad", jsonOf(T.euler())},
-            {"rotation_sigma_rad", jsonOf(done.sigma.rotation)}}},
-          {"left", cameraJson(lensOf(done.rig.left), done.sigma.left)},
-          {"right", cameraJson(lensOf(done.rig.right), done.sigma.right)},
-          {"left_port", portJson(done.rig.left, done.sigma.left_port)},
-          {"right_port", portJson(done.rig.right, done.sigma.right_port)},
-          {"coverage",
-           {{"left", coverage(done.views, &CalibratedView::left, done.rig.left)},
-            {"right", coverage(done.views, &CalibratedView::right, done.rig.right)}}},
-          {"views", views},
-          {"dropped", dropped}};
+  std::string translation, rotation;
+  for (int i = 0; i < 3; ++i) {
+    const char* before = i == 0 ? "" : ", ";
+    translation += before + web::plusMinus(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2);
+    rotation += before + web::plusMinus(kDegreesPerRadian * T.euler()(i),
+                                        kDegreesPerRadian * done.sigma.rotation(i), 4);
+  }
+  const Fields alone{{"left", done.left_alone_rms, "each camera calibrated alone: left [px]", 3},
+                     {"right", done.right_alone_rms, "right [px]", 3}};
+  return {
+      {"board", boardFields(board)},
+      {"rms_px", Fields{{"left", done.left_rms, "RMS: left [px]", 3},
+                        {"right", done.right_rms, "right [px]", 3},
+                        {"stereo", done.stereo_rms, "stereo [px]", 3}}},
+      {"rms_alone_px", left.port ? Fields{} : alone},
+      {"baseline_m", Fields{{"value", done.rig.baseline(), board ? "baseline [mm]" : "baseline as given [mm]",
+                             web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2)},
+                            {"sigma", done.sigma.baseline}}},
+      {"T_right_left",
+       Fields{{"translation_m", web::jsonOf(T.translation()), "right from left: x, y, z [mm]", translation},
+              {"translation_sigma_m", web::jsonOf(done.sigma.translation)},
+              {"euler_rad", web::jsonOf(T.euler()), "rotation about x, y, z (Euler) [deg]", rotation},
+              {"rotation_sigma_rad", web::jsonOf(done.sigma.rotation)}}},
+      {"left", web::jsonOf(cameraFields(left, done.sigma.left, right))},
+      {"right", web::jsonOf(cameraFields(right, done.sigma.right, left))},
+      {"left_port", web::jsonOf(portFields(left, done.sigma.left_port))},
+      {"right_port", web::jsonOf(portFields(right, done.sigma.right_port))},
+      {"coverage",
+       Fields{{"left", coverage(done.views, &CalibratedView::left, left),
+               "cells of an 8 x 6 grid over the image with points seen: left [%]", 0, 100},
+              {"right", coverage(done.views, &CalibratedView::right, right), "right [%]", 0, 100}}},
+      {"views", web::jsonOf(viewRecords(done))},
+      {"dropped", web::jsonOf(droppedRecords(done))}};
 }
 
 // An image's pixels, with its border.
@@ -156,70 +202,39 @@ web::Plot viewBars(const RigCalibration& done) {
           .series = {std::move(left), std::move(right), std::move(all)}};
 }
 
-void addParameters(web::ReportPage& report, const RigCalibration& done) {
-  std::vector<web::Row> rows;
-  const Camera &left = lensOf(done.rig.left), &right = lensOf(done.rig.right);
-  const bool ports = done.rig.left.port && done.rig.right.port;
-  for (const Named& n : kIntrinsics) {
-    if (left.*n.value == 0 && right.*n.value == 0) continue;  // not estimated
-    if (ports)
-      rows.push_back({n.name, decimals(left.*n.value, n.digits), decimals(right.*n.value, n.digits)});
-    else
-      rows.push_back({n.name, web::plusMinus(left.*n.value, done.sigma.left.*n.sigma, n.digits),
-                      web::plusMinus(right.*n.value, done.sigma.right.*n.sigma, n.digits)});
-  }
-  if (ports) {
-    const FlatPort &p = *done.rig.left.port, &q = *done.rig.right.port;
-    const calibration::PortSigma &of_p = done.sigma.left_port, &of_q = done.sigma.right_port;
-    rows.push_back({"port: distance [mm]", web::plusMinus(1e3 * p.distance, 1e3 * of_p.distance, 2),
-                    web::plusMinus(1e3 * q.distance, 1e3 * of_q.distance, 2)});
-    for (const Eigen::Index i : {0, 1})
-      rows.push_back(
-          {i == 0 ? "port: normal to the right [deg]" : "port: normal downwards [deg]",
-           web::plusMinus(kDegreesPerRadian * p.normal(i), kDegreesPerRadian * of_p.normal(i), 3),
-           web::plusMinus(kDegreesPerRadian * q.normal(i), kDegreesPerRadian * of_q.normal(i), 3)});
-  }
-  report.table({"", ports ? "left, in air" : "left", ports ? "right, in air" : "right"}, rows);
-  const SE3& T = done.rig.T_right_left;
-  web::Row translation{"translation [mm]"}, rotation{"rotation (Euler) [deg]"};
-  for (int i = 0; i < 3; ++i) {
-    translation.emplace_back(web::plusMinus(1e3 * T.translation()(i), 1e3 * done.sigma.translation(i), 2));
-    rotation.emplace_back(
-        web::plusMinus(kDegreesPerRadian * T.euler()(i), kDegreesPerRadian * done.sigma.rotation(i), 4));
-  }
-  report.table({"right from left", "x", "y", "z"}, {translation, rotation});
+void addParameters(web::ReportPage& report, const RigCalibration& done,
+                   const std::optional<calibration::Chessboard>& board) {
+  const auto camera = [](std::string name, const Camera& of, const calibration::CameraSigma& sigma,
+                         const calibration::PortSigma& port_sigma, const Camera& other) {
+    Fields out = web::named("camera", name + (of.port ? ", in air" : ""), cameraFields(of, sigma, other));
+    out.emplace_back("port", portFields(of, port_sigma));
+    return out;
+  };
+  const StereoRig& rig = done.rig;
+  const auto& sigma = done.sigma;
+  web::addTable(report, {camera("left", rig.left, sigma.left, sigma.left_port, rig.right),
+                         camera("right", rig.right, sigma.right, sigma.right_port, rig.left)});
+  report.table({}, web::rowsOf(calibrationFields(done, board)));
 }
 
-std::string summaryOf(const RigCalibration& done, const std::optional<calibration::Chessboard>& board) {
-  const std::string rms = "Stereo RMS " + decimals(done.stereo_rms, 3) + " px (left " +
-                          decimals(done.left_rms, 3) + ", right " + decimals(done.right_rms, 3);
-  if (!board)
-    return std::to_string(done.views.size()) + " pairs of a scene that stood still. " + rms +
-           "). Baseline as given: " + decimals(1e3 * done.rig.baseline(), 2) +
-           " mm; its error is every length's. ± is one standard deviation from the scatter of what was seen "
-           "again; it knows nothing of things that moved.";
-  return std::to_string(done.views.size()) + " pairs of a chessboard with " + std::to_string(board->columns) +
-         " x " + std::to_string(board->rows) + " inner corners and squares of " +
-         decimals(1e3 * board->square, 2) + " mm. " + rms +
-         (done.rig.left.port ? "); the cameras are as they were in air"
-                             : "; each camera calibrated alone " + decimals(done.left_alone_rms, 3) +
-                                   " and " + decimals(done.right_alone_rms, 3) + ")") +
-         ". Baseline " + web::plusMinus(1e3 * done.rig.baseline(), 1e3 * done.sigma.baseline, 2) +
-         " mm. ± is one standard deviation from the scatter of the corners; it knows nothing of a bent board "
-         "or a wrong square.";
+std::string summaryOf(const RigCalibration& done, bool board) {
+  return std::to_string(done.views.size()) +
+         (board ? " pairs of a chessboard. ± is one standard deviation from the scatter of the corners; it "
+                  "knows nothing of a bent board or a wrong square."
+                : " pairs of a scene that stood still. The baseline's error is every length's. ± is one "
+                  "standard deviation from the scatter of what was seen again; it knows nothing of things "
+                  "that moved.");
 }
 
 web::ReportPage calibrationPageOf(const RigCalibration& done,
                                   const std::optional<calibration::Chessboard>& board,
                                   const std::string& name) {
-  web::ReportPage report("Stereo calibration " + name, summaryOf(done, board));
+  web::ReportPage report("Stereo calibration " + name, summaryOf(done, board.has_value()));
   report.section("Parameters");
-  addParameters(report, done);
+  addParameters(report, done, board);
   const double left = coverage(done.views, &CalibratedView::left, done.rig.left);
   const double right = coverage(done.views, &CalibratedView::right, done.rig.right);
   report.section("Coverage");
-  report.text("Points seen are in " + decimals(100 * left, 0) + " % (left) and " + decimals(100 * right, 0) +
-              " % (right) of the cells of an 8 x 6 grid over the image.");
   if (std::min(left, right) < kEnoughCoverage)
     report.warning(
         "That is little: where none is the distortion is guessed; take pairs that show something in the "
@@ -240,17 +255,9 @@ web::ReportPage calibrationPageOf(const RigCalibration& done,
                            enlarged, "right"));
   report.section("Views");
   report.plot(viewBars(done));
-  std::vector<web::Row> rows;
-  for (std::size_t v = 0; v < done.views.size(); ++v) {
-    const CalibratedView& view = done.views[v];
-    rows.push_back({view.name, v + 1, decimals(view.left_rms, 3), decimals(view.right_rms, 3),
-                    decimals(view.stereo_rms, 3), decimals(view.distance, 2)});
-  }
-  report.table({"view", "number", "left [px]", "right [px]", "stereo [px]", "distance [m]"}, rows);
+  web::addTable(report, viewRecords(done));
   report.section("Dropped");
-  std::vector<std::string> dropped;
-  for (const auto& d : done.dropped) dropped.push_back(d.name + ": " + d.reason);
-  report.list(dropped);
+  web::addTable(report, droppedRecords(done));
   return report;
 }
 
@@ -271,7 +278,7 @@ double coverage(const std::vector<CalibratedView>& views, Corners CalibratedView
 void writeCalibrationReport(const std::filesystem::path& calib, const RigCalibration& done,
                             const std::optional<calibration::Chessboard>& board) {
   calibrationPageOf(done, board, calib.filename().string()).write(calib.string() + ".html");
-  writeFile(calib.string() + ".json", calibrationJson(done, board).dump(2) + "\n");
+  writeFile(calib.string() + ".json", web::jsonOf(calibrationFields(done, board)).dump(2) + "\n");
 }
 
 }  // namespace fathom::topside

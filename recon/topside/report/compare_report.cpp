@@ -2,51 +2,58 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
-#include "recon/compare/difference.hpp"
-#include "telemetry/web/report_page.hpp"
+#include "recon/compare/compare.hpp"
+#include "telemetry/web/report_fields.hpp"
 
 namespace fathom::topside {
 namespace {
 
-using compare::Comparison, compare::DifferenceStatistics, compare::HeightMap;
+using compare::Comparison, compare::DifferenceClass, compare::DifferenceStatistics;
+using web::Fields;
 
-using Json = nlohmann::ordered_json;
-
-Json number(double value) {
-  return std::isfinite(value) ? Json(value) : Json(nullptr);
-}
-
-Json toJson(const DifferenceStatistics& s) {
-  return {{"cells", s.cells},
-          {"bias_m", s.bias},
-          {"median_m", s.median},
-          {"rms_m", s.rms},
+Fields statisticsFields(const DifferenceStatistics& s) {
+  return {{"cells", s.cells, "cells"},
+          {"bias_m", s.bias, "bias [m]", 4},
+          {"median_m", s.median, "median [m]", 4},
+          {"rms_m", s.rms, "RMS [m]", 4},
           {"deviation_m", s.deviation},
-          {"mad_m", s.mad},
+          {"mad_m", s.mad, "1.4826 MAD [m]", 4},
           {"p1_m", s.p1},
-          {"p5_m", s.p5},
+          {"p5_m", s.p5, "5 % [m]", 4},
           {"p25_m", s.p25},
           {"p75_m", s.p75},
-          {"p95_m", s.p95},
+          {"p95_m", s.p95, "95 % [m]", 4},
           {"p99_m", s.p99},
-          {"abs_p50_m", s.abs_p50},
-          {"abs_p95_m", s.abs_p95}};
+          {"abs_p50_m", s.abs_p50, "50 % of |d| [m]", 4},
+          {"abs_p95_m", s.abs_p95, "95 % of |d| [m]", 4}};
 }
 
-web::Row statisticsHead(const std::string& first) {
-  return {first, "cells", "bias", "median", "RMS", "1.4826 MAD", "5 %", "95 %", "50 % of |d|", "95 % of |d|"};
+// Classes by slope in degrees.
+std::vector<Fields> slopeRecords(const Comparison& c) {
+  std::vector<Fields> out;
+  for (const DifferenceClass& k : c.difference.by_slope) {
+    Fields& row = out.emplace_back(web::named("slope [deg]", decimals(k.from, 0) + " to " + decimals(k.to, 0),
+                                              statisticsFields(k.statistics)));
+    row.emplace_back("from_deg", k.from);
+    row.emplace_back("to_deg", k.to);
+  }
+  return out;
 }
 
-web::Row statisticsRow(const std::string& name, const DifferenceStatistics& s) {
-  web::Row row{name, s.cells};
-  for (const double v : {s.bias, s.median, s.rms, s.mad, s.p5, s.p95, s.abs_p50, s.abs_p95})
-    row.emplace_back(decimals(v, 4));
-  return row;
+std::vector<Fields> uncertaintyRecords(const Comparison& c) {
+  std::vector<Fields> out;
+  for (const DifferenceClass& k : c.difference.by_sigma) {
+    Fields& row = out.emplace_back(web::named("sigma [m]", decimals(k.from, 4) + " to " + decimals(k.to, 4),
+                                              statisticsFields(k.statistics)));
+    row.emplace_back("from_m", k.from);
+    row.emplace_back("to_m", k.to);
+    row.emplace_back("rms_over_sigma", k.rms_over_sigma, "RMS of d / sigma", 2);
+  }
+  return out;
 }
 
 // Ends of the difference's colours and of its histogram: most cells are inside.
@@ -59,45 +66,63 @@ std::string offsetText(double value, double sigma) {
                               : decimals(value, 4) + " m, not resolved by the terrain";
 }
 
-std::vector<web::Row> offsetRows(const Comparison& c) {
+Fields offsetFields(const Comparison& c) {
   const compare::SurfaceRegistration& r = c.registration;
-  std::vector<web::Row> rows{{"east", offsetText(r.offset.shift.x(), r.sigma.x())},
-                             {"north", offsetText(r.offset.shift.y(), r.sigma.y())},
-                             {"up", offsetText(r.offset.shift.z(), r.sigma.z())}};
-  const auto slope = [&](const char* name, double value, double sigma) {
-    rows.push_back({name, web::plusMinus(1e3 * value, 1e3 * sigma, 3) + " mm/m"});
+  const bool tilted = c.options.registration.tilt, open = r.directions_resolved == 1;
+  const auto slope = [&](const char* key, const char* title, double value, double sigma) {
+    return tilted ? web::Field(key, value, title, web::plusMinus(1e3 * value, 1e3 * sigma, 3) + " mm/m")
+                  : web::Field(key, value);
   };
-  if (c.options.registration.tilt) {
-    slope("slope to the east", r.offset.tilt.x(), r.tilt_sigma.x());
-    slope("slope to the north", r.offset.tilt.y(), r.tilt_sigma.y());
-  }
-  if (r.directions_resolved == 1)
-    rows.push_back({"not resolved along bearing", decimals(r.open_bearing * kDegreesPerRadian, 0) + " deg"});
-  rows.push_back({"relief without its slope", decimals(r.relief, 3) + " m"});
-  rows.push_back({"correlation of the terrains", decimals(r.correlation, 3)});
-  return rows;
+  return {{"east_m", r.offset.shift.x(), "east", offsetText(r.offset.shift.x(), r.sigma.x())},
+          {"north_m", r.offset.shift.y(), "north", offsetText(r.offset.shift.y(), r.sigma.y())},
+          {"up_m", r.offset.shift.z(), "up", offsetText(r.offset.shift.z(), r.sigma.z())},
+          {"east_sigma_m", r.sigma.x()},
+          {"north_sigma_m", r.sigma.y()},
+          {"up_sigma_m", r.sigma.z()},
+          {"horizontal_directions_told", r.directions_resolved},
+          open ? web::Field("open_bearing_deg", r.open_bearing * kDegreesPerRadian,
+                            "not resolved along bearing [deg]", 0)
+               : web::Field("open_bearing_deg", nullptr),
+          {"at_limit", r.at_limit},
+          slope("tilt_east", "slope to the east", r.offset.tilt.x(), r.tilt_sigma.x()),
+          slope("tilt_north", "slope to the north", r.offset.tilt.y(), r.tilt_sigma.y()),
+          {"tilt_east_sigma", tilted ? r.tilt_sigma.x() : NAN},
+          {"tilt_north_sigma", tilted ? r.tilt_sigma.y() : NAN},
+          {"centre_east_m", r.offset.centre.x()},
+          {"centre_north_m", r.offset.centre.y()},
+          {"correlation", r.correlation, "correlation of the terrains", 3},
+          {"relief_m", r.relief, "relief without its slope [m]", 3}};
+}
+
+Fields surveyFields(const Comparison& c) {
+  return {{"survey", c.options.survey.string(), "survey",
+           c.options.survey.string() + " (" + c.survey_about + ")"},
+          {"reference", c.options.reference.string(), "reference",
+           c.options.reference.string() + " (" + c.reference_about +
+               (c.reference_turned ? ", depths turned into heights" : "") + ")"},
+          {"reference_held_depths", c.reference_turned},
+          {"frame", c.plane.wkt},
+          {"cell_m", c.cell, "cell compared [m]", 3},
+          {"survey_spacing_m", c.survey_spacing, "of the survey [m]", 3},
+          {"reference_spacing_m", c.reference_spacing, "of the reference [m]", 3},
+          {"survey_m2", c.difference.survey_m2, "area of the survey [m²]", 1},
+          {"compared_m2", c.difference.overlap_m2, "of it compared [m²]", 1}};
 }
 
 web::ReportPage pageOf(const Comparison& c, const std::filesystem::path& folder) {
   web::ReportPage report(
       "Survey against reference",
       "Difference: survey less reference, in metres. difference.tif beside this page has it.");
-  report.table({}, {{"survey", c.options.survey.string() + " (" + c.survey_about + ")"},
-                    {"reference", c.options.reference.string() + " (" + c.reference_about +
-                                      (c.reference_turned ? ", depths turned into heights" : "") + ")"},
-                    {"cell compared", decimals(c.cell, 3) + " m (survey " + decimals(c.survey_spacing, 3) +
-                                          ", reference " + decimals(c.reference_spacing, 3) + ")"},
-                    {"area compared", decimals(c.difference.overlap_m2, 1) + " of " +
-                                          decimals(c.difference.survey_m2, 1) + " m²"}});
+  report.table({}, web::rowsOf(surveyFields(c)));
   for (const std::string& note : c.notes) report.warning(note);
   report.section("Offset that takes the survey onto the reference");
-  report.table({}, offsetRows(c));
+  report.table({}, web::rowsOf(offsetFields(c)));
   report.text(
       "One standard deviation each; what neighbouring cells err together is counted once. Heights of "
       "different vertical datums differ by that datum: it is part of the offset up.");
   report.section("Difference");
-  report.table(statisticsHead(""), {statisticsRow("before registration", c.difference.before),
-                                    statisticsRow("after", c.difference.after)});
+  web::addTable(report, {web::named("registration", "before", statisticsFields(c.difference.before)),
+                         web::named("registration", "after", statisticsFields(c.difference.after))});
   report.pictureFile(folder / "difference.png",
                      "Difference after registration; grey: one of the two is unknown.");
   std::vector<double> values;
@@ -105,19 +130,9 @@ web::ReportPage pageOf(const Comparison& c, const std::filesystem::path& folder)
     if (std::isfinite(d)) values.push_back(static_cast<double>(d));
   report.plot(web::histogram(values, -scaleOf(c), scaleOf(c), 60, "difference [m]", "cells by difference"));
   report.section("By slope of the reference");
-  std::vector<web::Row> rows;
-  for (const compare::DifferenceClass& k : c.difference.by_slope)
-    rows.push_back(statisticsRow(decimals(k.from, 0) + " to " + decimals(k.to, 0), k.statistics));
-  report.table(statisticsHead("slope [deg]"), rows);
+  web::addTable(report, slopeRecords(c));
   report.section("By the survey's own uncertainty");
-  rows.clear();
-  for (const compare::DifferenceClass& k : c.difference.by_sigma) {
-    rows.push_back(statisticsRow(decimals(k.from, 4) + " to " + decimals(k.to, 4), k.statistics));
-    rows.back().emplace_back(decimals(k.rms_over_sigma, 2));
-  }
-  web::Row head = statisticsHead("sigma [m]");
-  head.emplace_back("RMS of d / sigma");
-  if (!rows.empty()) report.table(head, rows);
+  web::addTable(report, uncertaintyRecords(c));
   report.section("Heights");
   report.pictureFile(folder / "survey.png", "The survey at its own place.");
   report.pictureFile(folder / "reference.png", "The reference in its cells.");
@@ -127,55 +142,14 @@ web::ReportPage pageOf(const Comparison& c, const std::filesystem::path& folder)
 }  // namespace
 
 std::string comparisonJson(const Comparison& c) {
-  const compare::SurfaceRegistration& r = c.registration;
-  Json json;
-  json["survey"] = c.options.survey.string();
-  json["reference"] = c.options.reference.string();
-  json["reference_held_depths"] = c.reference_turned;
-  json["frame"] = c.plane.wkt;
-  json["cell_m"] = c.cell;
-  json["survey_spacing_m"] = c.survey_spacing;
-  json["reference_spacing_m"] = c.reference_spacing;
-  json["survey_m2"] = c.difference.survey_m2;
-  json["compared_m2"] = c.difference.overlap_m2;
-  Json& offset = json["offset"];
-  offset["east_m"] = r.offset.shift.x();
-  offset["north_m"] = r.offset.shift.y();
-  offset["up_m"] = r.offset.shift.z();
-  offset["east_sigma_m"] = number(r.sigma.x());
-  offset["north_sigma_m"] = number(r.sigma.y());
-  offset["up_sigma_m"] = number(r.sigma.z());
-  offset["horizontal_directions_told"] = r.directions_resolved;
-  offset["open_bearing_deg"] =
-      r.directions_resolved == 1 ? Json(r.open_bearing * kDegreesPerRadian) : Json(nullptr);
-  offset["at_limit"] = r.at_limit;
-  offset["tilt_east"] = r.offset.tilt.x();
-  offset["tilt_north"] = r.offset.tilt.y();
-  offset["tilt_east_sigma"] = c.options.registration.tilt ? number(r.tilt_sigma.x()) : Json(nullptr);
-  offset["tilt_north_sigma"] = c.options.registration.tilt ? number(r.tilt_sigma.y()) : Json(nullptr);
-  offset["centre_east_m"] = r.offset.centre.x();
-  offset["centre_north_m"] = r.offset.centre.y();
-  offset["correlation"] = r.correlation;
-  offset["relief_m"] = r.relief;
-  json["before"] = toJson(c.difference.before);
-  json["after"] = toJson(c.difference.after);
-  json["by_slope"] = Json::array();
-  for (const compare::DifferenceClass& k : c.difference.by_slope) {
-    Json row = toJson(k.statistics);
-    row["from_deg"] = k.from;
-    row["to_deg"] = k.to;
-    json["by_slope"].push_back(row);
-  }
-  json["by_uncertainty"] = Json::array();
-  for (const compare::DifferenceClass& k : c.difference.by_sigma) {
-    Json row = toJson(k.statistics);
-    row["from_m"] = k.from;
-    row["to_m"] = k.to;
-    row["rms_over_sigma"] = k.rms_over_sigma;
-    json["by_uncertainty"].push_back(row);
-  }
-  json["notes"] = c.notes;
-  return json.dump(2) + "\n";
+  Fields fields = surveyFields(c);
+  fields.emplace_back("offset", offsetFields(c));
+  fields.emplace_back("before", statisticsFields(c.difference.before));
+  fields.emplace_back("after", statisticsFields(c.difference.after));
+  fields.emplace_back("by_slope", web::jsonOf(slopeRecords(c)));
+  fields.emplace_back("by_uncertainty", web::jsonOf(uncertaintyRecords(c)));
+  fields.emplace_back("notes", c.notes);
+  return web::jsonOf(fields).dump(2) + "\n";
 }
 
 std::string comparisonText(const Comparison& c) {

@@ -1,4 +1,4 @@
-#include "recon/topside/report/consistency.hpp"
+#include "recon/topside/report/slam_report.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

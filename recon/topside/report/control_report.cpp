@@ -3,13 +3,12 @@
 #include <cmath>
 
 #include "realtime/base/text.hpp"
-#include "recon/topside/report/json_values.hpp"
 
 namespace fathom::topside {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using web::Row;
+using web::Fields;
 
 const char* useOf(const ControlResult::Point& p) {
   return !p.surveyed ? "tie" : p.check ? "check" : p.left_out ? "left out" : "control";
@@ -40,35 +39,50 @@ Spread spreadOf(const ControlResult& control, bool check) {
   return out;
 }
 
+Fields pointFields(const ControlResult::Point& p) {
+  Fields out = {{"name", p.name, "point"},
+                {"use", useOf(p), "use"},
+                {"marks", p.marks, "marks"},
+                {"marks_left_out", p.marks_left_out, "left out"},
+                {"north_east_down_m", web::jsonOf(p.place)},
+                {"sigma_m", web::jsonOf(p.sigma)},
+                {"pixel_rms", p.pixel_rms, "off in images [px]", 2}};
+  if (!p.surveyed) return out;
+  out.emplace_back("off_m", web::jsonOf(p.off));
+  constexpr const char* kAxes[] = {"north [mm]", "east [mm]", "down [mm]"};
+  for (int i = 0; i < 3; ++i) out.push_back(web::onPage(kAxes[i], millimetres(p.off(i))));
+  for (int i = 0; i < 3; ++i)
+    out.push_back(web::onPage(std::string("sigma ") + kAxes[i], millimetres(p.sigma(i))));
+  return out;
+}
+
+Fields barFields(const ControlResult::Bar& b) {
+  return {{"from", b.from, "scale bar from"},
+          {"to", b.to, "to"},
+          {"use", b.check ? "check" : "control", "use"},
+          {"length_m", b.length, "length [m]", 4},
+          {"sigma_m", b.sigma, "its sigma [mm]", 1, 1000},
+          {"off_m", b.off, "in the model, longer by [mm]", 1, 1000}};
+}
+
+std::vector<Fields> barRecords(const ControlResult& control) {
+  std::vector<Fields> out;
+  for (const ControlResult::Bar& bar : control.bars) out.push_back(barFields(bar));
+  return out;
+}
+
 }  // namespace
 
 Json controlJson(const ControlResult& control) {
   if (control.points.empty()) return nullptr;
-  Json points = Json::array(), bars = Json::array();
-  for (const ControlResult::Point& p : control.points) {
-    Json one{{"name", p.name},
-             {"use", useOf(p)},
-             {"marks", p.marks},
-             {"marks_left_out", p.marks_left_out},
-             {"north_east_down_m", jsonOf(p.place)},
-             {"sigma_m", jsonOf(p.sigma)},
-             {"pixel_rms", p.pixel_rms}};
-    if (p.surveyed) one["off_m"] = jsonOf(p.off);
-    points.push_back(std::move(one));
-  }
-  for (const ControlResult::Bar& b : control.bars)
-    bars.push_back({{"from", b.from},
-                    {"to", b.to},
-                    {"use", b.check ? "check" : "control"},
-                    {"length_m", b.length},
-                    {"sigma_m", b.sigma},
-                    {"off_m", b.off}});
+  std::vector<Fields> points;
+  for (const ControlResult::Point& p : control.points) points.push_back(pointFields(p));
   const auto ifScaled = [&](double number) { return control.scaled ? Json(number) : Json(); };
-  return {{"converged", control.converged},
-          {"scale", ifScaled(control.scale)},
-          {"scale_sigma", ifScaled(control.scale_sigma)},
-          {"points", points},
-          {"bars", bars}};
+  return web::jsonOf({{"converged", control.converged},
+                      {"scale", ifScaled(control.scale)},
+                      {"scale_sigma", ifScaled(control.scale_sigma)},
+                      {"points", web::jsonOf(points)},
+                      {"bars", web::jsonOf(barRecords(control))}});
 }
 
 void addControl(web::ReportPage& report, const ControlResult& control) {
@@ -79,23 +93,11 @@ void addControl(web::ReportPage& report, const ControlResult& control) {
       "points have no part in where it is, and show how good it is. Standard deviations are claimed: of "
       "control "
       "points as the model has them, of check points with the survey's own.");
-  std::vector<Row> rows;
-  for (const ControlResult::Point& p : control.points) {
-    if (!p.surveyed) continue;
-    Row row{p.name, useOf(p), p.marks, p.marks_left_out, decimals(p.pixel_rms, 2)};
-    for (int i = 0; i < 3; ++i) row.emplace_back(millimetres(p.off(i)));
-    for (int i = 0; i < 3; ++i) row.emplace_back(millimetres(p.sigma(i)));
-    rows.push_back(std::move(row));
-  }
-  report.table({"point", "use", "marks", "left out", "off in images [px]", "north [mm]", "east [mm]",
-                "down [mm]", "sigma north [mm]", "sigma east [mm]", "sigma down [mm]"},
-               rows);
-  rows.clear();
-  for (const ControlResult::Bar& b : control.bars)
-    rows.push_back({b.from + " to " + b.to, b.check ? "check" : "control", decimals(b.length, 4),
-                    millimetres(b.sigma), millimetres(b.off)});
-  if (!rows.empty())
-    report.table({"scale bar", "use", "length [m]", "its sigma [mm]", "in the model, longer by [mm]"}, rows);
+  std::vector<Fields> points;
+  for (const ControlResult::Point& p : control.points)
+    if (p.surveyed) points.push_back(pointFields(p));
+  web::addTable(report, points);
+  web::addTable(report, barRecords(control));
   if (control.scaled)
     report.table({}, {{"lengths of the images were multiplied by",
                        web::plusMinus(control.scale, control.scale_sigma, 5)}});

@@ -1,12 +1,11 @@
 #pragma once
 
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "recon/topside/localise/control_network.hpp"
-#include "telemetry/web/report_page.hpp"
+#include "telemetry/web/report_fields.hpp"
 
 namespace fathom::topside {
 

@@ -32,4 +32,8 @@ void writeClosures(const std::filesystem::path& path, const std::vector<ImagePai
                                                 const std::vector<NavigatedPose>& poses,
                                                 const SE3& T_body_cam);
 
+// For each pair, whether its footprint overlaps one taken more than a minute earlier or later: the vehicle
+// came back.
+[[nodiscard]] std::vector<bool> likelyCrossovers(const std::vector<FusedPair>& pairs);
+
 }  // namespace fathom::topside

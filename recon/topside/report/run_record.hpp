@@ -13,7 +13,6 @@
 #include "recon/topside/input/navigation.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/prepare/rig_finding.hpp"
-#include "recon/topside/report/map_picture.hpp"
 #include "recon/topside/report/overlap_colours.hpp"
 
 namespace fathom::topside {

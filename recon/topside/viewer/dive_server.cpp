@@ -7,7 +7,7 @@
 #include <string>
 
 #include "realtime/base/input_error.hpp"
-#include "telemetry/web/served_folder.hpp"
+#include "telemetry/web/page_server.hpp"
 
 namespace fathom::topside {
 

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <system_error>
 
-#include "recon/topside/work/work_file.hpp"
+#include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
 

@@ -6,7 +6,7 @@
 
 #include "realtime/base/bytes/state_archive.hpp"
 #include "recon/geometry/state_values.hpp"
-#include "recon/topside/work/work_file.hpp"
+#include "recon/topside/work/stage_store.hpp"
 
 // How values become blocks of a work file (state_archive.hpp).
 namespace fathom::topside {

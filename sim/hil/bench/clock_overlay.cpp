@@ -1,5 +1,5 @@
 // Preloaded into a program under test: CLOCK_REALTIME is the machine's plus the offset in the file
-// FATHOM_CLOCK_STEP (see stepped_clock.hpp). Other clocks pass through.
+// FATHOM_CLOCK_STEP (see program_under_test.hpp). Other clocks pass through.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>

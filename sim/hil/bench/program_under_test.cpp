@@ -1,11 +1,21 @@
 #include "sim/hil/bench/program_under_test.hpp"
 
+#include <fcntl.h>
 #include <signal.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
+#include <atomic>
 #include <charconv>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <stdexcept>
 #include <string>
+#include <system_error>
+
+#include "realtime/base/install_prefix.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -18,6 +28,8 @@ std::optional<pid_t> parentOf(const std::filesystem::path& process) {
     if (line.starts_with("PPid:")) return static_cast<pid_t>(std::stol(line.substr(5)));
   return std::nullopt;
 }
+
+constexpr const char* kLibrary = "lib/fathom/libfathom_stepped_clock.so";
 
 }  // namespace
 
@@ -87,6 +99,32 @@ bool ProgramUnderTest::signalProcess(Process process, int number) {
 std::vector<ProgramUnderTest::Outage> ProgramUnderTest::outages() {
   const std::scoped_lock lock(mutex_);
   return outages_;
+}
+
+SteppedClock::SteppedClock(const std::filesystem::path& shared) : shared_(std::filesystem::absolute(shared)) {
+  const int fd = ::open(shared_.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  void* memory = MAP_FAILED;
+  if (fd >= 0 && ::ftruncate(fd, sizeof *offset_ns_) == 0)
+    memory = ::mmap(nullptr, sizeof *offset_ns_, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+  if (fd >= 0) ::close(fd);
+  if (memory == MAP_FAILED) throw std::runtime_error(shared_.string() + " cannot be shared with a program");
+  offset_ns_ = static_cast<std::int64_t*>(memory);
+}
+
+SteppedClock::~SteppedClock() {
+  ::munmap(offset_ns_, sizeof *offset_ns_);
+  std::error_code ignored;
+  std::filesystem::remove(shared_, ignored);
+}
+
+std::vector<std::string> SteppedClock::environment() const {
+  const auto library = installPrefix() / kLibrary;
+  if (!std::filesystem::exists(library)) return {};
+  return {"LD_PRELOAD=" + library.string(), "FATHOM_CLOCK_STEP=" + shared_.string()};
+}
+
+void SteppedClock::step(double seconds) {
+  std::atomic_ref<std::int64_t>(*offset_ns_).fetch_add(rt::nanoseconds(seconds));
 }
 
 }  // namespace fathom::sim

@@ -156,7 +156,7 @@ void GigeDevice::answer(const GvcpRequest& request, const sockaddr_in& from) {
 GvcpStatus GigeDevice::readRegisters(std::span<const std::uint8_t> in, std::vector<std::uint8_t>& out) const {
   for (std::size_t i = 0; i + 4 <= in.size(); i += 4) {
     std::array<std::uint8_t, 4> value{};
-    if (!registers_->read(bigEndian32(in, i), value)) return GvcpStatus::kInvalidAddress;
+    if (!registers_->read(bigEndianAt<std::uint32_t>(in, i), value)) return GvcpStatus::kInvalidAddress;
     out.insert(out.end(), value.begin(), value.end());
   }
   return GvcpStatus::kSuccess;
@@ -167,7 +167,7 @@ GvcpStatus GigeDevice::writeRegisters(std::span<const std::uint8_t> in, const Cl
   GvcpStatus status = GvcpStatus::kSuccess;
   std::uint16_t written = 0;
   for (std::size_t i = 0; i + 8 <= in.size() && status == GvcpStatus::kSuccess; i += 8) {
-    const std::uint32_t address = bigEndian32(in, i);
+    const std::uint32_t address = bigEndianAt<std::uint32_t>(in, i);
     if (controller_ && controller_ != client) {
       status = GvcpStatus::kAccessDenied;
     } else if (!registers_->write(address, in.subspan(i + 4, 4))) {
@@ -177,16 +177,16 @@ GvcpStatus GigeDevice::writeRegisters(std::span<const std::uint8_t> in, const Cl
       ++written;
     }
   }
-  putBigEndian16(out, 0);
-  putBigEndian16(out, written);
+  appendBigEndian<std::uint16_t>(out, 0);
+  appendBigEndian(out, written);
   return status;
 }
 
 GvcpStatus GigeDevice::readMemory(std::span<const std::uint8_t> in, std::vector<std::uint8_t>& out) const {
   if (in.size() < 8) return GvcpStatus::kInvalidParameter;
-  const std::uint32_t address = bigEndian32(in, 0);
-  const std::size_t count = bigEndian16(in, 6);
-  putBigEndian32(out, address);
+  const std::uint32_t address = bigEndianAt<std::uint32_t>(in, 0);
+  const std::size_t count = bigEndianAt<std::uint16_t>(in, 6);
+  appendBigEndian(out, address);
   out.resize(4 + count);
   return count > 0 && registers_->read(address, std::span(out).subspan(4)) ? GvcpStatus::kSuccess
                                                                            : GvcpStatus::kInvalidAddress;
@@ -194,11 +194,11 @@ GvcpStatus GigeDevice::readMemory(std::span<const std::uint8_t> in, std::vector<
 
 GvcpStatus GigeDevice::writeMemory(std::span<const std::uint8_t> in, const Client& client,
                                    std::vector<std::uint8_t>& out) {
-  putBigEndian32(out, static_cast<std::uint32_t>(in.size()));
+  appendBigEndian(out, static_cast<std::uint32_t>(in.size()));
   if (controller_ && controller_ != client) return GvcpStatus::kAccessDenied;
-  if (in.size() < 8 || !registers_->write(bigEndian32(in, 0), in.subspan(4)))
+  if (in.size() < 8 || !registers_->write(bigEndianAt<std::uint32_t>(in, 0), in.subspan(4)))
     return GvcpStatus::kWriteProtect;
-  afterWrite(bigEndian32(in, 0), client);
+  afterWrite(bigEndianAt<std::uint32_t>(in, 0), client);
   return GvcpStatus::kSuccess;
 }
 
@@ -252,8 +252,9 @@ void GigeDevice::send(GvspFrame frame, const std::set<std::uint32_t>& lost, std:
 void GigeDevice::resend(std::span<const std::uint8_t> in) {
   constexpr std::uint32_t kPacketNumber = 0x00ffffff;
   if (in.size() < 12) return;
-  const std::uint16_t id = bigEndian16(in, 2);
-  const std::uint32_t first = bigEndian32(in, 4) & kPacketNumber, last = bigEndian32(in, 8) & kPacketNumber;
+  const std::uint16_t id = bigEndianAt<std::uint16_t>(in, 2);
+  const std::uint32_t first = bigEndianAt<std::uint32_t>(in, 4) & kPacketNumber,
+                      last = bigEndianAt<std::uint32_t>(in, 8) & kPacketNumber;
   std::vector<std::uint8_t> bytes;
   for (const Sent& sent : sent_) {
     if (sent.frame.id != id) continue;

@@ -9,7 +9,6 @@
 #include "realtime/kernel/time/clock.hpp"
 #include "sim/hil/gige/gige_packets.hpp"
 #include "sim/hil/gige/gige_registers.hpp"
-#include "sim/hil/gige/gige_sockets.hpp"
 
 namespace fathom::sim {
 

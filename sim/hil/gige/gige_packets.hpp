@@ -1,10 +1,16 @@
 #pragma once
 
+#include <netinet/in.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
+
+#include "realtime/base/bytes/byte_order.hpp"
+#include "realtime/base/files/descriptor.hpp"
 
 namespace fathom::sim {
 
@@ -41,10 +47,12 @@ struct GvcpRequest {
 [[nodiscard]] std::vector<std::uint8_t> gvcpAnswer(const GvcpRequest& request, GvcpStatus status,
                                                    std::span<const std::uint8_t> payload);
 
-[[nodiscard]] std::uint32_t bigEndian32(std::span<const std::uint8_t> bytes, std::size_t at);
-[[nodiscard]] std::uint16_t bigEndian16(std::span<const std::uint8_t> bytes, std::size_t at);
-void putBigEndian32(std::vector<std::uint8_t>& out, std::uint32_t value);
-void putBigEndian16(std::vector<std::uint8_t>& out, std::uint16_t value);
+// Appends a number, highest byte first.
+template <class Unsigned>
+void appendBigEndian(std::vector<std::uint8_t>& out, Unsigned value) {
+  out.resize(out.size() + sizeof value);
+  writeBigEndian(std::span(out).last(sizeof value), value);
+}
 
 // A frame as packets: leader, data, trailer.
 struct GvspFrame {
@@ -65,5 +73,25 @@ struct GvspFrame {
 // Bytes of IP, UDP and GVSP headers, included in the packet size register.
 inline constexpr std::size_t kGvspOverhead = 20 + 8 + 8;
 inline constexpr std::size_t kUdpOverhead = 20 + 8;
+
+// A UDP socket bound to an address [host order]. Throws InputError naming `name` when it cannot be bound.
+class GigeSocket {
+ public:
+  GigeSocket() = default;
+  GigeSocket(std::uint32_t address, std::uint16_t port, const std::string& name);
+  [[nodiscard]] int fd() const { return file_.get(); }
+
+ private:
+  Descriptor file_;
+};
+
+[[nodiscard]] sockaddr_in socketAddress(std::uint32_t address, std::uint16_t port);
+
+// The network of an own address [host order].
+struct OwnNetwork {
+  std::uint32_t address = 0, mask = 0xffffff00, broadcast = 0;
+};
+// Throws InputError for text that is no IPv4 address.
+[[nodiscard]] OwnNetwork networkOf(const std::string& address);
 
 }  // namespace fathom::sim

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "firmware_if/devices/camera/pixel_unpack.hpp"
+#include "realtime/base/bytes/byte_order.hpp"
 #include "realtime/base/text.hpp"
 
 namespace fathom::sim {
@@ -201,7 +202,7 @@ GigeRegisters::GigeRegisters(std::uint32_t address, std::uint32_t netmask, const
 std::uint32_t GigeRegisters::get(std::uint32_t address) const {
   std::array<std::uint8_t, 4> b{};
   if (!read(address, b)) return 0;
-  return std::uint32_t{b[0]} << 24 | std::uint32_t{b[1]} << 16 | std::uint32_t{b[2]} << 8 | b[3];
+  return bigEndianAt<std::uint32_t>(b, 0);
 }
 
 float GigeRegisters::getFloat(std::uint32_t address) const {

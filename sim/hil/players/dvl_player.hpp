@@ -1,16 +1,45 @@
 #pragma once
 
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "recon/geometry/sensor_samples.hpp"
 #include "sim/hil/fault_script.hpp"
 #include "sim/hil/mission_schedule.hpp"
 #include "sim/hil/players/simulated_vehicle_clock.hpp"
 
 namespace fathom::sim {
+
+// Encodes a DVL sample as a PD0 ensemble (Teledyne RDI, "WorkHorse Commands and Output Data Format", P/N
+// 957-6156) with fixed leader, variable leader and bottom track, the inverse of firmware_if/devices/dvl: the
+// bottom's velocity in the ship frame (starboard, forward, mast).
+//
+// The format rounds velocity to 1 mm/s, ranges to 1 cm, speed of sound to 1 m/s and the time to 10 ms.
+// Velocities beyond 32.767 m/s are sent as bad.
+constexpr std::size_t kPd0FirstBlock = 6 + 2 * 3;  // after header and offsets
+// Header, offsets, three blocks, reserve, checksum.
+constexpr std::size_t kPd0EncodedBytes = kPd0FirstBlock + 59 + 65 + 81 + 2 + 2;
+
+struct Pd0Attitude {
+  double heading = 0;  // [rad]
+  double pitch = 0;    // of the vehicle, bow up positive [rad]
+  double roll = 0;     // starboard down positive [rad]
+};
+
+// `number`: 24 bits of it are sent. Absent ranges stay absent; the receiver derives the altitude from the
+// ranges.
+[[nodiscard]] std::array<std::uint8_t, kPd0EncodedBytes> encodePd0(const DvlSample& sample,
+                                                                   std::uint32_t number,
+                                                                   const Pd0Attitude& attitude);
+
+// The time rounded to the resolution of an ensemble, 10 ms.
+[[nodiscard]] std::int64_t roundToPd0Clock(std::int64_t utc_ns);
 
 // Simulated DVL: sends the schedule's ensembles as PD0 at the rate of a serial line, the last byte of each at
 // the time of its arrival in the mission, with the script's garbage and silences.

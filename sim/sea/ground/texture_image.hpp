@@ -38,4 +38,29 @@ class TextureImage {
 [[nodiscard]] std::uint8_t srgbFromLinear(double value);
 [[nodiscard]] Rgb srgbFromLinear(const Eigen::Vector3d& linear);
 
+// Albedo of a seafloor of any size, synthesised from photographs: rotated and mirrored pieces on a triangular
+// lattice, with variance-preserving blending (Heitz and Neyret 2018). The photographs' uneven illumination is
+// removed first.
+class AlbedoImages {
+ public:
+  // Every image in `folder`, `pixel_m` of ground a pixel [m]; `contrast` times as strong. Throws InputError
+  // for a folder without images, or images too small to cut pieces from.
+  AlbedoImages(const std::filesystem::path& folder, double pixel_m, double contrast, std::uint64_t seed);
+
+  // Linear red, green, blue at a place [m] of a surface with that normal for a pixel of `footprint_m`:
+  // projected from above where the slope is below 33 degrees, from the sides where it is steeper.
+  [[nodiscard]] std::array<float, 3> at(const Eigen::Vector3f& place, const Eigen::Vector3f& normal,
+                                        float footprint_m) const;
+
+ private:
+  [[nodiscard]] std::array<float, 3> inPlane(const Eigen::Vector2f& place, float footprint_m) const;
+  [[nodiscard]] std::array<float, 3> piece(const Eigen::Vector2i& node, const Eigen::Vector2f& from_node,
+                                           float texels) const;
+
+  std::vector<TextureImage> images_;
+  std::array<float, 3> mean_{};
+  float pixel_m_, contrast_;
+  std::uint64_t seed_;
+};
+
 }  // namespace fathom::sim

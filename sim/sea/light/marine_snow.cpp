@@ -5,7 +5,7 @@
 #include <numbers>
 
 #include "sim/scenario/random.hpp"
-#include "sim/sea/light/lens_blur.hpp"
+#include "sim/sea/light/lens.hpp"
 
 namespace fathom::sim {
 namespace {

@@ -3,9 +3,9 @@
 #include <cstdint>
 #include <memory>
 
-#include "sim/sea/ground/albedo_images.hpp"
 #include "sim/sea/ground/noise.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
+#include "sim/sea/ground/texture_image.hpp"
 #include "sim/sea/terrain_config.hpp"
 
 namespace fathom::sim {

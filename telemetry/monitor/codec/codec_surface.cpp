@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "realtime/base/input_error.hpp"
-#include "telemetry/vehicle/square_index.hpp"
+#include "telemetry/vehicle/block_queue.hpp"
 
 namespace fathom::monitor {
 namespace {

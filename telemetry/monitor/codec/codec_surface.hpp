@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "recon/geometry/mesh.hpp"
-#include "telemetry/map/map_block.hpp"
+#include "telemetry/map/map_packet.hpp"
 
 namespace fathom::monitor {
 

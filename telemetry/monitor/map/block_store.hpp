@@ -8,7 +8,7 @@
 #include <memory>
 #include <unordered_map>
 
-#include "telemetry/map/map_block.hpp"
+#include "telemetry/map/map_packet.hpp"
 #include "telemetry/wire/frame.hpp"
 
 namespace fathom::monitor {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::monitor {
 

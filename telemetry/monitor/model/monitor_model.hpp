@@ -8,12 +8,9 @@
 #include "telemetry/monitor/map/received_map.hpp"
 #include "telemetry/monitor/model/coverage.hpp"
 #include "telemetry/monitor/model/link_history.hpp"
-#include "telemetry/monitor/model/request_ledger.hpp"
 #include "telemetry/ship/ship_link.hpp"
-#include "telemetry/tiles/tile_fragments.hpp"
-#include "telemetry/wire/mission_info.hpp"
-#include "telemetry/wire/status.hpp"
-#include "telemetry/wire/track.hpp"
+#include "telemetry/tiles/tile_codec.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::monitor {
 

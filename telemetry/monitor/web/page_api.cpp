@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "realtime/base/units.hpp"
-#include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/map/received_map.hpp"
 
 namespace fathom::monitor {
 

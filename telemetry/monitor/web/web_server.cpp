@@ -10,7 +10,7 @@
 
 #include "realtime/base/units.hpp"
 #include "telemetry/monitor/export/exports.hpp"
-#include "telemetry/monitor/map/chunk_stream.hpp"
+#include "telemetry/monitor/map/received_map.hpp"
 #include "telemetry/monitor/model/model_view.hpp"
 #include "telemetry/monitor/web/page_api.hpp"
 

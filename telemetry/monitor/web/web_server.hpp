@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "telemetry/monitor/model/shared_model.hpp"
+#include "telemetry/monitor/model/model_view.hpp"
 #include "telemetry/web/page_server.hpp"
 
 namespace fathom::monitor {

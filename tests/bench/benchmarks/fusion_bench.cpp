@@ -8,7 +8,7 @@
 
 #include "recon/fusion/quadtree_map.hpp"
 #include "recon/fusion/volumetric_fusion.hpp"
-#include "tests/fusion/synthetic_footprint.hpp"
+#include "tests/world/ground.hpp"
 
 namespace fathom::fusion {
 namespace {
@@ -119,9 +119,7 @@ BENCHMARK(fusionQuadtreeExtract)->ArgName("level")->Arg(7)->Arg(5)->Arg(3)->Unit
 
 void fusionVoxels(benchmark::State& state) {
   const std::vector<Mesh> meshes = track(200);
-  VolumetricConfig config;
-  config.carve = state.range(0) != 0;
-  VolumetricFusion fusion(config);
+  VolumetricFusion fusion({.carve = state.range(0) != 0});
   std::size_t k = 0;
   for (auto _ : state) {
     const std::size_t at = k++ % meshes.size();

@@ -12,8 +12,7 @@
 
 namespace {
 
-using fathom::ImageView;
-using fathom::PixelFormat;
+using fathom::ImageView, fathom::PixelFormat;
 
 constexpr int kWidth = 1360, kHeight = 1024, kBits = 12;  // of a Prosilica GC1380
 
@@ -37,8 +36,7 @@ Scene makeScene(unsigned seed) {
 
 fathom::lighting::LightingModel& learnt(PixelFormat format, fathom::lighting::LightingChoice choice) {
   static std::vector<std::unique_ptr<fathom::lighting::LightingModel>> models;
-  fathom::lighting::LightingConfig config;
-  config.choice = choice;
+  fathom::lighting::LightingConfig config{.choice = choice};
   models.push_back(std::make_unique<fathom::lighting::LightingModel>(kWidth, kHeight, format, kBits, config));
   for (unsigned k = 0; k < 10; ++k) {
     const Scene scene = makeScene(k);

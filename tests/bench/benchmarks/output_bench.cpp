@@ -9,7 +9,7 @@
 #include "recon/products/tiles/block_texture.hpp"
 #include "recon/products/tiles/glb.hpp"
 #include "recon/products/tiles/picture_codec.hpp"
-#include "tests/tiles/synthetic_model.hpp"
+#include "tests/world/tiles.hpp"
 
 // Cost of writing a tile: CPU time a megatexel, bits a texel and PSNR of every format, on a real picture of
 // the seafloor (or on another, such as an atlas: FATHOM_BENCH_PICTURE=FILE); BC1 beside libsquish on the
@@ -105,8 +105,7 @@ BENCHMARK_CAPTURE(outputSquish, cluster, squish::kColourClusterFit)->Unit(benchm
 
 // Draco: a tile of 1000 triangles a square metre.
 void outputSurface(benchmark::State& state) {
-  synthetic::SyntheticModel model;
-  model.texels = 0;
+  test::SyntheticModel model{.texels = 0};
   const TexturedTile tile = model.tile({0, 0, 0});
   GlbConfig config;
   config.draco.speed = static_cast<int>(state.range(0));

@@ -1,6 +1,5 @@
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
 #include <cmath>
 #include <map>
 #include <string>
@@ -10,7 +9,7 @@
 #include "recon/stereo/sparse_stereo.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/common/opencv_stereo.hpp"
-#include "tests/stereo/synthetic_scene.hpp"
+#include "tests/world/pictures.hpp"
 
 namespace fathom::stereo {
 namespace {
@@ -53,9 +52,7 @@ std::size_t correctMatches(const Pair& p, const Pixels& left, const Pixels& righ
 
 // Counters: points, correct ones, and the mean time of each stage [ms].
 void runFathom(benchmark::State& state, const Kernels& kernels, const Pair& p) {
-  SparseStereoConfig config;
-  config.max_features = static_cast<int>(state.range(0));
-  SparseStereo stereo(p.scene.rig(), config, &kernels);
+  SparseStereo stereo(p.scene.rig(), {.max_features = static_cast<int>(state.range(0))}, &kernels);
   std::map<std::string, double> stages;
   double last = 0;
   stereo.setStageObserver([&](const char* stage) {

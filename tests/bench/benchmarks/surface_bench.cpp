@@ -16,19 +16,13 @@
 #include "recon/surface/bake.hpp"
 #include "recon/surface/simplify.hpp"
 #include "recon/surface/surface_error.hpp"
-#include "tests/surface/synthetic_tiles.hpp"
+#include "tests/world/ground.hpp"
+#include "tests/world/tiles.hpp"
 
 namespace fathom::surface {
 namespace {
 
-double areaOf(const Mesh& mesh) {  // [m2]
-  double area = 0;
-  for (const auto& [a, b, c] : mesh.triangles)
-    area +=
-        0.5 * static_cast<double>(
-                  (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).norm());
-  return area;
-}
+using test::areaOf;
 
 const TileMesh& leaf() {
   static const TileMesh tile = test::syntheticTile(test::noisyTerrain(0.005, 3), TileGrid{}, {0, 0, 0});
@@ -171,17 +165,6 @@ void surfaceAtlas(benchmark::State& state) {
   state.counters["texels"] = atlas.width * atlas.height;
 }
 BENCHMARK(surfaceAtlas)->Unit(benchmark::kMillisecond);
-
-void surfaceTexels(benchmark::State& state) {
-  static const Atlas atlas = makeAtlas(simplify(leaf(), 1000), {});
-  std::vector<Texel> texels;
-  for (auto _ : state)
-    for (int row = 0; row < atlas.height; row += 64) {
-      rasterise(atlas, row, std::min(64, atlas.height - row), texels);
-      benchmark::DoNotOptimize(texels.data());
-    }
-}
-BENCHMARK(surfaceTexels)->Unit(benchmark::kMillisecond);
 
 void surfaceBakeParent(benchmark::State& state) {
   std::vector<TexturedTile> children;

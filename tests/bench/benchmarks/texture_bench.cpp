@@ -4,7 +4,8 @@
 
 #include "recon/surface/blend.hpp"
 #include "recon/surface/chart_lattice.hpp"
-#include "recon/surface/depth_buffer.hpp"
+#include "recon/surface/view_vote.hpp"
+#include "tests/support/lattice_mesh.hpp"
 
 // A leaf tile of a survey like reef-grid at full size: the seafloor 2 m below, a picture every 0.25 m, lines
 // 0.7 m apart. "per_pair" is the time that falls on a pair where it brings 0.4 m2 of new seafloor.
@@ -34,22 +35,16 @@ RgbImage noise(const Camera& camera, unsigned seed) {
 // Waves a few centimetres high.
 TileMesh seafloor(double low, double high) {
   TileMesh tile;
-  const auto n = static_cast<std::uint32_t>(std::lround((high - low) / kFace));
-  for (std::uint32_t i = 0; i <= n; ++i) {
-    for (std::uint32_t j = 0; j <= n; ++j) {
+  const auto n = static_cast<int>(std::lround((high - low) / kFace));
+  for (int i = 0; i <= n; ++i) {
+    for (int j = 0; j <= n; ++j) {
       const double north = low + (high - low) * i / n, east = low + (high - low) * j / n;
       const double depth = kDepth + 0.05 * std::sin(5 * north) * std::cos(4 * east);
       tile.mesh.vertices.push_back(
           Eigen::Vector3d(TileGrid::snap(north), TileGrid::snap(east), TileGrid::snap(depth)).cast<float>());
     }
   }
-  for (std::uint32_t i = 0; i < n; ++i) {
-    for (std::uint32_t j = 0; j < n; ++j) {
-      const std::uint32_t a = i * (n + 1) + j;
-      tile.mesh.triangles.push_back({a, a + 1, a + n + 2});
-      tile.mesh.triangles.push_back({a, a + n + 2, a + n + 1});
-    }
-  }
+  tile.mesh.triangles = test::latticeTriangles(n + 1, n + 1);
   tile.shared.assign(tile.mesh.vertices.size(), 0);
   computeNormals(tile.mesh);
   return tile;

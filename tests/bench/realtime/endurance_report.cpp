@@ -9,7 +9,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/kernel/time/vehicle_clock.hpp"
 #include "realtime/onboard/onboard_config.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -103,10 +103,7 @@ int reportEndurance(const EnduranceOptions& options) {
       clock.utcNs() + static_cast<std::int64_t>(static_cast<double>(kSetUpNs) * options.rate);
   std::atomic<std::uint64_t> given{0};
   const test::PlayedShuttle played(shuttle, begin);
-  test::PlayedOptions play;
-  play.exposures = options.frames;
-  play.given_left = &given;
-  play.scratch = options.out;
+  test::PlayedOptions play{.exposures = options.frames, .given_left = &given, .scratch = options.out};
   onboard::LiveSystem live({options.out, config, mission, rig, test::onboardProgram(),
                             options.config.empty() ? std::nullopt : std::optional(options.config)},
                            test::playedDevices(played, options.mission, mission, rig, clock, play), clock);
@@ -148,18 +145,18 @@ int reportEndurance(const EnduranceOptions& options) {
 
 }  // namespace
 
-test::Report enduranceReport() {
+void enduranceReport(CommandLine& program) {
   static EnduranceOptions o;
-  return {"endurance",
-          "The live program over a long mission made of a short one, flown forward and back",
-          {required({"mission", &o.mission, "mission folder with images"}),
-           {"--config", &o.config, "onboard.toml"},
-           {"--frames", &o.frames, "stereo pairs in all"},
-           {"--pairs", &o.pairs, "stereo pairs of one pass", 2, 100000},
-           {"--rate", &o.rate, "times as fast as the mission", 0.1, 100},
-           {"--soft", &o.soft, "continue without privileges"},
-           {"--out", &o.out, "folder for the recording, endurance.html and endurance.json"}},
-          [] { return reportEndurance(o); }};
+  CommandLine& command = program.command(
+      "endurance", "The live program over a long mission made of a short one, flown forward and back", "",
+      [] { return reportEndurance(o); });
+  command.add_option("mission", o.mission, "mission folder with images")->required();
+  command.add_option("--config", o.config, "onboard.toml");
+  command.shown("--frames", o.frames, "stereo pairs in all");
+  command.shown("--pairs", o.pairs, "stereo pairs of one pass", 2, 100000);
+  command.shown("--rate", o.rate, "times as fast as the mission", 0.1, 100);
+  command.add_flag("--soft", o.soft, "continue without privileges");
+  command.add_option("--out", o.out, "folder for the recording, endurance.html and endurance.json");
 }
 
 }  // namespace fathom::bench

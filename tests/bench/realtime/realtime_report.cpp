@@ -5,27 +5,133 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <memory>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
+#include "realtime/kernel/memory/heap_counter.hpp"
 #include "realtime/kernel/memory/heap_reserve.hpp"
 #include "realtime/kernel/threads/arming.hpp"
+#include "realtime/kernel/threads/realtime_config.hpp"
+#include "realtime/kernel/threads/rt_thread.hpp"
+#include "realtime/kernel/time/clock.hpp"
+#include "realtime/onboard/live/hard_tier.hpp"
+#include "realtime/onboard/nav/nav_core.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "tests/bench/common/page.hpp"
-#include "tests/bench/realtime/hard_loop.hpp"
 #include "tests/bench/reports.hpp"
+#include "tests/support/latency_histogram.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::bench {
 namespace {
 
-using sim::ChildProcess;
-using test::LatencyHistogram;
+using sim::ChildProcess, test::LatencyHistogram;
+
+constexpr std::int64_t kNsPerUs = 1000;
+// Devices keep no step with the loop: their samples come at every phase of its cycle.
+constexpr std::int64_t kSamplePeriodNs = 9'700'000;
+// Rates of the sensors, as every n-th of some 100 samples a second.
+constexpr int kDepthEvery = 10, kDvlEvery = 20, kFrameEvery = 50;
+
+// The hard tier as it runs on the vehicle: a device thread pushes samples of compass, depth, DVL and cameras
+// into a ring at their real rates, and the loop drains it into a NavCore.
+class HardLoop {
+ public:
+  struct Result {
+    test::LatencyHistogram latency;
+    rt::ThreadCost cost;  // of the loop's thread, from its first cycle to its last
+    std::uint64_t cycles = 0, late_cycles = 0, samples = 0;
+    std::int64_t max_body_ns = 0;
+  };
+
+  explicit HardLoop(const rt::RealtimeConfig& config);
+
+  // Runs both threads for some time.
+  [[nodiscard]] Result run(std::int64_t duration_ns);
+
+ private:
+  void feed();
+  void loop(std::int64_t until_ns, Result& result);
+
+  rt::RealtimeConfig config_;
+  std::unique_ptr<onboard::NavFeed> nav_;
+  onboard::InputRing ring_;
+  std::atomic<bool> stop_{false};
+  rt::RtThread device_, loop_;
+};
+
+HardLoop::HardLoop(const rt::RealtimeConfig& config)
+    : config_(config),
+      nav_(std::make_unique<onboard::NavFeed>(onboard::NavCoreConfig{})),
+      device_(rt::threadConfig(config, rt::Tier::kDevice, "devices")),
+      loop_(rt::threadConfig(config, rt::Tier::kHard, "navigation")) {}
+
+void HardLoop::feed() {
+  rt::RealClock clock;
+  rt::PeriodicLoop periodic(clock, kSamplePeriodNs);
+  std::uint32_t n = 0;
+  periodic.run([&] {
+    const std::int64_t utc = clock.utcNs();
+    const auto push = [&](const SensorSample& sample) { (void)ring_.push({utc, sample}); };
+    push(AttitudeSample{utc, 0.01, 0.02, 1.0, false});
+    if (n % kDepthEvery == 0) push(DepthSample{utc, 20.0});
+    if (n % kDvlEvery == 0) {
+      DvlSample dvl;
+      dvl.utc_ns = utc;
+      dvl.velocity = Eigen::Vector3d(0.5, 0, 0);
+      dvl.altitude = 2.0;
+      push(dvl);
+    }
+    if (n % kFrameEvery == 0)
+      for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
+        push(ImageEvent{utc, side, {}, 0.002});
+    ++n;
+    return !stop_.load(std::memory_order_relaxed);
+  });
+}
+
+void HardLoop::loop(std::int64_t until_ns, Result& result) {
+  rt::RealClock clock;
+  rt::PeriodicLoop periodic(clock, config_.period_ns);
+  const rt::ThreadCost before = rt::threadCost();
+  periodic.run([&] {
+    const std::int64_t now = clock.monotonicNs();
+    result.latency.add((now - periodic.nextDeadlineNs()) / kNsPerUs);
+    io::OnboardInput input;
+    while (ring_.pop(input)) {
+      nav_->add(std::get<SensorSample>(input.what), input.arrival_utc_ns);
+      ++result.samples;
+    }
+    while (nav_->core().pollTrigger()) {
+    }
+    return now < until_ns;
+  });
+  result.cost = rt::threadCost() - before;
+  result.cycles = periodic.statistics().cycles;
+  result.late_cycles = periodic.statistics().skipped_cycles;
+  result.max_body_ns = periodic.statistics().max_body_ns;
+}
+
+HardLoop::Result HardLoop::run(std::int64_t duration_ns) {
+  Result result;
+  stop_ = false;
+  if (!device_.start([this] { feed(); })) throw std::runtime_error("no thread for the devices");
+  const std::int64_t until = rt::RealClock().monotonicNs() + duration_ns;
+  if (!loop_.start([&] { loop(until, result); })) throw std::runtime_error("no thread for the loop");
+  loop_.join();
+  stop_ = true;
+  device_.join();
+  return result;
+}
 
 // Both end by themselves when the report is gone.
 const char* const kHog = "while kill -0 $PPID; do i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done; done";
@@ -230,20 +336,20 @@ int reportRealtime(const RealtimeOptions& options) {
 
 }  // namespace
 
-test::Report realtimeReport() {
+void realtimeReport(CommandLine& program) {
   static RealtimeOptions o;
-  return {"realtime",
-          "Wake-up latency of the hard tier's 100 Hz loop against cyclictest's, turn by turn",
-          {{"--minutes", &o.turns, "turns of each", 1, 1000},
-           {"--turn-seconds", &o.turn_seconds, "length of a turn [s]", 1, 3600},
-           {"--priority", &o.priority, "SCHED_FIFO priority of both", 1, 98},
-           {"--cpu", &o.cpu, "CPU of both; -1: any", -1, 1023},
-           {"--hogs", &o.hogs, "shells that do nothing but run", 0, 64},
-           {"--load-command", &o.load, "run beside, over and over"},
-           {"--cpu-wake-us", &o.cpu_wake_us, "limit on the CPUs' wake-up while the loop's program runs"},
-           {"--soft", &o.soft, "continue without privileges"},
-           {"--out", &o.out, "folder for realtime.html and realtime.json"}},
-          [] { return reportRealtime(o); }};
+  CommandLine& command = program.command(
+      "realtime", "Wake-up latency of the hard tier's 100 Hz loop against cyclictest's, turn by turn", "",
+      [] { return reportRealtime(o); });
+  command.shown("--minutes", o.turns, "turns of each", 1, 1000);
+  command.shown("--turn-seconds", o.turn_seconds, "length of a turn [s]", 1, 3600);
+  command.shown("--priority", o.priority, "SCHED_FIFO priority of both", 1, 98);
+  command.shown("--cpu", o.cpu, "CPU of both; -1: any", -1, 1023);
+  command.shown("--hogs", o.hogs, "shells that do nothing but run", 0, 64);
+  command.add_option("--load-command", o.load, "run beside, over and over");
+  command.shown("--cpu-wake-us", o.cpu_wake_us, "limit on the CPUs' wake-up while the loop's program runs");
+  command.add_flag("--soft", o.soft, "continue without privileges");
+  command.add_option("--out", o.out, "folder for realtime.html and realtime.json");
 }
 
 }  // namespace fathom::bench

@@ -212,16 +212,16 @@ int runColmap(const ColmapOptions& o) {
 
 }  // namespace
 
-test::Report colmapReport() {
+void colmapReport(CommandLine& program) {
   static ColmapOptions o;
-  return {"colmap",
-          "Poses from images alone: time and error beside COLMAP's, which must be installed",
-          {required({"mission", &o.mission, "simulated mission with images"}),
-           {"--out", &o.out, "new folder for both and the report"},
-           {"--pairs", &o.pairs, "the first so many (all)", 3, 1e6},
-           {"--overlap", &o.overlap, "images after each that COLMAP compares with it", 1, 1000},
-           {"--exhaustive", &o.exhaustive, "COLMAP compares all images with all"}},
-          [] { return runColmap(o); }};
+  CommandLine& command = program.command(
+      "colmap", "Poses from images alone: time and error beside COLMAP's, which must be installed", "",
+      [] { return runColmap(o); });
+  command.add_option("mission", o.mission, "simulated mission with images")->required();
+  command.add_option("--out", o.out, "new folder for both and the report");
+  command.shown("--pairs", o.pairs, "the first so many (all)", 3, 1e6);
+  command.shown("--overlap", o.overlap, "images after each that COLMAP compares with it", 1, 1000);
+  command.add_flag("--exhaustive", o.exhaustive, "COLMAP compares all images with all");
 }
 
 }  // namespace fathom::bench

@@ -13,13 +13,13 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/kernel/memory/heap_counter.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
-#include "recon/solver/batch/g2o_file.hpp"
 #include "recon/solver/incremental/incremental_solver.hpp"
 #include "recon/solver/incremental/pose_replay.hpp"
 #include "recon/solver/pose_graph.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/reports.hpp"
-#include "tests/solver/survey_graph.hpp"
+#include "tests/world/graphs.hpp"
+#include "tests/world/hostile_dives.hpp"
 
 namespace fathom::bench {
 namespace {
@@ -87,6 +87,14 @@ class Edge : public ceres::SizedCostFunction<6, kNumbers, kNumbers> {
   Matrix6d root_;
 };
 
+struct CeresOutcome {
+  double seconds = 0;  // of ceres::Solve alone, thread time
+  double chi2 = 0;
+  int iterations = 0;
+  std::string options;
+  double usual_seconds = 0;  // with Ceres' default trust region instead
+};
+
 CeresOutcome solve(const slam::PoseGraph& graph, ceres::TrustRegionStrategyType strategy, double radius,
                    std::vector<Pose>& x) {
   x.resize(graph.poses.size());
@@ -111,15 +119,16 @@ CeresOutcome solve(const slam::PoseGraph& graph, ceres::TrustRegionStrategyType 
   ceres::Solver::Summary summary;
   const double start = cpuMs();
   ceres::Solve(options, &problem, &summary);
-  CeresOutcome outcome;
-  outcome.seconds = 1e-3 * (cpuMs() - start);
-  outcome.chi2 = 2 * summary.final_cost;
-  outcome.iterations = static_cast<int>(summary.iterations.size()) - 1;
-  outcome.options = std::string(strategy == ceres::DOGLEG ? "dogleg" : "Levenberg-Marquardt") + ", radius " +
-                    std::to_string(static_cast<long long>(radius));
-  return outcome;
+  return CeresOutcome{.seconds = 1e-3 * (cpuMs() - start),
+                      .chi2 = 2 * summary.final_cost,
+                      .iterations = static_cast<int>(summary.iterations.size()) - 1,
+                      .options = std::string(strategy == ceres::DOGLEG ? "dogleg" : "Levenberg-Marquardt") +
+                                 ", radius " + std::to_string(static_cast<long long>(radius))};
 }
 
+// The same graph by Ceres from the graph's poses, which become the solution: sparse normal Cholesky by
+// SuiteSparse, analytic derivatives in the tangent space, one thread; the quickest of its trust region
+// methods among those that reach the least chi2.
 CeresOutcome solveByCeres(slam::PoseGraph& graph) {
   constexpr double kUsual = 1e4, kWide = 1e12, kEqual = 1 + 1e-5;
   std::vector<CeresOutcome> outcomes;
@@ -141,19 +150,6 @@ CeresOutcome solveByCeres(slam::PoseGraph& graph) {
   outcomes[best].usual_seconds = outcomes.front().seconds;
   return outcomes[best];
 }
-
-struct CeresOutcome {
-  double seconds = 0;  // of ceres::Solve alone, thread time
-  double chi2 = 0;
-  int iterations = 0;
-  std::string options;
-  double usual_seconds = 0;  // with Ceres' default trust region instead
-};
-
-// The same graph by Ceres from the graph's poses, which become the solution: sparse normal Cholesky by
-// SuiteSparse, analytic derivatives in the tangent space, one thread; the quickest of its trust region
-// methods among those that reach the least chi2.
-[[nodiscard]] CeresOutcome solveByCeres(slam::PoseGraph& graph);
 
 // One graph given pose by pose.
 struct StepTimes {
@@ -232,9 +228,8 @@ void reportSteps(const std::string& name, slam::PoseGraph graph, std::int64_t bl
       static_cast<int>(std::count_if(graph.edges.begin(), graph.edges.end(), [](const slam::RelativePose& e) {
         return e.from != slam::kWorld && std::abs(e.to - e.from) > 1;
       }));
-  slam::IncrementalConfig config;
-  config.max_poses = static_cast<int>(graph.poses.size());
-  config.max_measurements = static_cast<int>(graph.edges.size());
+  slam::IncrementalConfig config{.max_poses = static_cast<int>(graph.poses.size()),
+                                 .max_measurements = static_cast<int>(graph.edges.size())};
   config.max_factor_blocks =
       blocks > 0 ? blocks : slam::IncrementalConfig::blocksFor(config.max_poses, closures);
   slam::IncrementalSolver solver(config);
@@ -297,23 +292,71 @@ int runSlam(SlamOptions o) {
   return kExitSuccess;
 }
 
+// Synthetic dives with false sensor data: position error, against a solution without the false data.
+struct HostileOptions {
+  int seeds = 20;
+  std::string only;
+};
+
+int runHostile(const HostileOptions& o) {
+  using slam::testing::runHostile;
+  constexpr double kLost = 10;  // [m]
+  constexpr double kWorse = 2;  // times the error of the solution without the false data
+  std::printf(
+      "runs beyond 10 m, beyond twice the error without the false data; worst error (without the false "
+      "data)\n");
+  std::printf("%-44s %-27s %-27s %s\n", "", "on board, live", "on board, after", "topside");
+  int lost = 0, runs = 0;
+  for (const auto& dive : slam::testing::hostileDives()) {
+    if (dive.name.find(o.only) == std::string::npos) continue;
+    int beyond[3] = {}, worse[3] = {};
+    double worst[3] = {}, clean[3] = {};
+    for (int seed = 1; seed <= o.seeds; ++seed) {
+      const auto [e, t] = runHostile(dive, static_cast<std::uint64_t>(seed));
+      const double errors[3] = {e.live, e.after, e.topside}, best[3] = {t.live, t.after, t.topside};
+      for (int i = 0; i < 3; ++i) {
+        beyond[i] += errors[i] > kLost ? 1 : 0;
+        worse[i] += errors[i] > kWorse * best[i] ? 1 : 0;
+        worst[i] = std::max(worst[i], errors[i]);
+        clean[i] = std::max(clean[i], best[i]);
+        lost += errors[i] > kLost ? 1 : 0;
+        ++runs;
+      }
+    }
+    std::printf("%-44s", dive.name.c_str());
+    for (int i = 0; i < 3; ++i)
+      std::printf(" %3d %3d %8.2f (%5.2f) m ", beyond[i], worse[i], worst[i], clean[i]);
+    std::printf("\n");
+    std::fflush(stdout);
+  }
+  std::printf("%d of %d runs beyond %.0f m\n", lost, runs, kLost);
+  return lost == 0 ? 0 : 1;
+}
+
 }  // namespace
 
-test::Report slamReport() {
+void hostileReport(CommandLine& program) {
+  static HostileOptions o;
+  CommandLine& command =
+      program.command("hostile", "Position error on synthetic dives with false sensor data", "",
+                      [] { return runHostile(o); });
+  command.shown("--seeds", o.seeds, "runs of each dive", 1, 1000);
+  command.add_option("--only", o.only, "dives with this in their name");
+}
+
+void slamReport(CommandLine& program) {
   static SlamOptions o;
-  return {"slam",
-          "Times of the incremental solver, a pose graph given pose by pose",
-          {
-              {"graphs", &o.graphs, "g2o files; without any, the three graphs that the tests use"},
-              {"--survey", &o.survey, "a synthetic survey instead"},
-              {"--keyframes", &o.plan.keyframes, "of the survey"},
-              {"--closures", &o.plan.closures, "of the survey"},
-              {"--anywhere", &o.anywhere, "closures join any two keyframes"},
-              {"--sensors", &o.plan.attitude_and_depth, "attitude and depth of every keyframe"},
-              {"--blocks", &o.blocks, "room of a factor; without it by IncrementalConfig::blocksFor"},
-              {"--ceres", &o.ceres, "the whole graph at once instead, ours against Ceres"},
-          },
-          [] { return runSlam(o); }};
+  CommandLine& command =
+      program.command("slam", "Times of the incremental solver, a pose graph given pose by pose", "",
+                      [] { return runSlam(o); });
+  command.add_option("graphs", o.graphs, "g2o files; without any, the three graphs that the tests use");
+  command.add_flag("--survey", o.survey, "a synthetic survey instead");
+  command.shown("--keyframes", o.plan.keyframes, "of the survey");
+  command.shown("--closures", o.plan.closures, "of the survey");
+  command.add_flag("--anywhere", o.anywhere, "closures join any two keyframes");
+  command.add_flag("--sensors", o.plan.attitude_and_depth, "attitude and depth of every keyframe");
+  command.shown("--blocks", o.blocks, "room of a factor; without it by IncrementalConfig::blocksFor");
+  command.add_flag("--ceres", o.ceres, "the whole graph at once instead, ours against Ceres");
 }
 
 }  // namespace fathom::bench

@@ -4,9 +4,9 @@
 #include <chrono>
 #include <thread>
 
-#include "firmware_if/mission/log/log_inputs.hpp"
 #include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/recorder/recorder.hpp"
+#include "tests/firmware_if/recorder/recorded_dive.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/bad_disk.hpp"
 #include "tests/support/recording_gaps.hpp"
@@ -15,33 +15,15 @@
 namespace fathom::io {
 namespace {
 
-using test::BadDisk;
-using test::DiskFault;
-using test::DivePlayer;
-using test::SyntheticDive;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using test::BadDisk, test::DiskFault, test::SyntheticDive, ::testing::HasSubstr;
 
-class DiskFaults : public ::testing::Test {
+class DiskFaults : public test::RecordedDive {
  protected:
-  std::unique_ptr<Recorder> recorder() {
-    RecorderConfig config;
-    config.planned_hours = 0;
-    config.image_reserve_mib = config.log_reserve_mib = 0;
-    return std::make_unique<Recorder>(folder_, dive_.mission(), dive_.rig(), config, player_.viewOf(),
-                                      player_.release());
-  }
   // An earlier run, of the first 200 inputs.
   void recordEarlierRun() {
     const auto r = recorder();
     play(*r, 200);
     ASSERT_TRUE(r->close(30).log_whole);
-  }
-  void play(Recorder& r, int inputs) {
-    for (int i = 0; i < inputs; ++i, ++next_) {
-      EXPECT_TRUE(player_.offer(r, next_));
-      if (i % 10 == 9) r.work(20);
-    }
   }
   // Works as the recorder's thread does, until it runs.
   static bool comesBack(Recorder& r) {
@@ -55,9 +37,7 @@ class DiskFaults : public ::testing::Test {
   }
   // Everything from number 0 is there, in order, but the images that are said to be lost.
   void expectAll(const Recorder& r, std::uint64_t inputs) {
-    const SyntheticDive::Found found = dive_.check(folder_);
-    EXPECT_THAT(found.wrong, IsEmpty());
-    EXPECT_EQ(found.inputs, inputs);
+    const SyntheticDive::Found found = expectInputs(inputs);
     EXPECT_EQ(found.skipped, 0u);
     EXPECT_EQ(found.images_lost, r.counters().images_dropped_disk);
     EXPECT_EQ(test::readGaps(folder_).images, found.images_lost);
@@ -73,13 +53,7 @@ class DiskFaults : public ::testing::Test {
       EXPECT_NE(image.path().extension(), ".tmp") << image.path();
   }
 
-  test::TemporaryFolder parent_;
-  std::filesystem::path folder_ = parent_.path() / "dive";
-  SyntheticDive::Config dive_config_{64, 48, 50};
-  SyntheticDive dive_{dive_config_};
-  DivePlayer player_{dive_, dive_config_, 16};
   BadDisk disk_{folder_};
-  std::uint64_t next_ = 0;
 };
 
 struct AtStart {
@@ -274,9 +248,7 @@ TEST_F(DiskFaults, AtItsEndAreGivenUpInTimeAndCutNothing) {
   EXPECT_EQ(player_.blocks().held(), 0u);
   disk_.clear();
   // What the system has of the rest stays, too.
-  const SyntheticDive::Found found = dive_.check(folder_);
-  EXPECT_THAT(found.wrong, IsEmpty());
-  EXPECT_EQ(found.inputs, 210u);
+  expectInputs(210u);
 }
 
 TEST_F(DiskFaults, AtItsEndBeforeAnythingCouldBeOpenedAreSaidInWords) {

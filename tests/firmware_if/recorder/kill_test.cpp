@@ -7,15 +7,11 @@
 #include <thread>
 
 #include "sim/hil/bench/child_process.hpp"
-#include "tests/firmware_if/recorder/recorder_status.hpp"
 #include "tests/firmware_if/recorder/synthetic_dive.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::test {
 namespace {
-
-using ::testing::IsEmpty;
 
 TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
   constexpr int kKills = 8;
@@ -38,7 +34,7 @@ TEST(RecorderKilled, LosesNothingThatItHadHandedToTheSystem) {
     if (std::filesystem::file_size(io::MissionPaths(folder).log()) == 0) continue;
     const RecorderStatus status(readText(status_file));
     const SyntheticDive::Found found = dive.check(folder);
-    EXPECT_THAT(found.wrong, IsEmpty());
+    EXPECT_THAT(found.wrong, ::testing::IsEmpty());
     EXPECT_EQ(found.skipped % SyntheticDive::kRestartInputs, 0u);
     EXPECT_EQ(found.images_lost, 0u);
     EXPECT_GE(found.next, status.safe());

@@ -1,20 +1,16 @@
-#include "firmware_if/mission/log/log_inputs.hpp"
+#include "firmware_if/mission/log/onboard_input.hpp"
 
 #include <gmock/gmock.h>
 
 #include <fstream>
-
 #include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/mission/mission.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
 using Step = LogInputReader::Step;
-using test::readText;
-using test::writeText;
 using ::testing::ElementsAre;
 
 class LogInputs : public ::testing::Test {
@@ -110,11 +106,11 @@ TEST_F(LogInputs, BytesThatTheDiskHadNotYetAreReadAgain) {
   EXPECT_EQ(reader.damaged(), 0u);
   std::string half = b;
   std::fill(half.end() - 8, half.end(), '\0');
-  writeText(path_, a + half + std::string(c.size(), '\0') + d);
+  test::writeText(path_, a + half + std::string(c.size(), '\0') + d);
   LogInputReader ahead(folder_.path());
   LogInputReader::Entry entry;
   EXPECT_EQ(ahead.next(entry), Step::kInput);  // with what follows, as it is now
-  writeText(path_, a + b + c + d);
+  test::writeText(path_, a + b + c + d);
   EXPECT_THAT(rest(ahead), ElementsAre("2@1", "3@2", "4@3"));
   EXPECT_EQ(ahead.damaged(), 0u);
   EXPECT_THAT(rest(reader), ElementsAre("2@1", "3@2", "4@3"));

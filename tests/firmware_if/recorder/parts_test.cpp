@@ -8,21 +8,14 @@
 #include "firmware_if/mission/images/image_file.hpp"
 #include "firmware_if/mission/log/log_events.hpp"
 #include "firmware_if/mission/log/onboard_input.hpp"
-#include "firmware_if/recorder/byte_ring.hpp"
-#include "firmware_if/recorder/disk_guard.hpp"
-#include "firmware_if/recorder/image_lane.hpp"
-#include "firmware_if/recorder/image_writer.hpp"
-#include "firmware_if/recorder/journal_file.hpp"
+#include "firmware_if/recorder/image_stage.hpp"
+#include "firmware_if/recorder/log_stage.hpp"
 #include "firmware_if/recorder/recorder_config.hpp"
+#include "firmware_if/recorder/recording_folder.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
-
-using test::refusal;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -40,11 +33,7 @@ TEST(RawTiff, ReadsBackToThePixelInEveryFormatAndSize) {
     for (const int bits : {8, 12, 16}) {
       for (const auto& [width, height] :
            {std::pair(1, 1), std::pair(7, 65), std::pair(33, 64), std::pair(3, 20000)}) {
-        ImageView view;
-        view.width = width;
-        view.height = height;
-        view.format = format;
-        view.bits = bits;
+        ImageView view{.width = width, .height = height, .format = format, .bits = bits};
         const std::size_t row = rowBytes(view), gap = 5;
         std::mt19937 random(static_cast<unsigned>(++number));
         Bytes memory((row + gap) * static_cast<std::size_t>(height));
@@ -253,10 +242,10 @@ TEST(RecorderConfig, IsReadWithBoundsAndRefusesReservesInTheWrongOrder) {
   EXPECT_FALSE(config.acfr_channels);
   for (const char* bad :
        {"sync_interval_s = 1.5", "image_queue = 0", "image_reserve_mib = 10\nlog_reserve_mib = 20"})
-    EXPECT_THAT(refusal([&] {
+    EXPECT_THAT(test::refusal([&] {
                   (void)readKeys(ConfigTable::parse(bad, "onboard.toml"), RecorderConfig{}, visitRecorder);
                 }),
-                HasSubstr("onboard.toml"))
+                ::testing::HasSubstr("onboard.toml"))
         << bad;
 }
 
@@ -269,11 +258,10 @@ TEST(PlannedRoom, CountsEveryImageAndWarnsWhenTheDiskIsTooSmall) {
     camera->width = 1360;
     camera->height = 1024;
   }
-  RecorderConfig config;
-  config.planned_hours = 5;
+  RecorderConfig config{.planned_hours = 5};
   EXPECT_EQ(plannedBytes(config, mission, rig).images, std::uint64_t{36000} * 2 * (2 * 1360 * 1024 + 4096));
   config.planned_hours = 1e6;
-  EXPECT_THAT(plannedRoomWarning(config, mission, rig, "."), HasSubstr("images would stop after"));
+  EXPECT_THAT(plannedRoomWarning(config, mission, rig, "."), ::testing::HasSubstr("images would stop after"));
   config.planned_hours = 0;
   config.image_reserve_mib = 0;
   EXPECT_EQ(plannedRoomWarning(config, mission, rig, "not/there/yet"), "");

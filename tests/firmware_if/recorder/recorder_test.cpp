@@ -5,49 +5,33 @@
 #include <sys/stat.h>
 
 #include <chrono>
-#include <fstream>
 #include <map>
 #include <thread>
 
 #include "firmware_if/mission/images/image_file.hpp"
-#include "firmware_if/mission/log/log_events.hpp"
-#include "firmware_if/mission/log/onboard_input.hpp"
 #include "firmware_if/mission/sensor_log.hpp"
-#include "realtime/base/input_error.hpp"
-#include "tests/firmware_if/recorder/synthetic_dive.hpp"
+#include "tests/firmware_if/recorder/recorded_dive.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/recording_gaps.hpp"
-#include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 
 namespace fathom::io {
 namespace {
 
-using test::DivePlayer;
-using test::SyntheticDive;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
+using test::SyntheticDive, ::testing::IsEmpty;
 
 constexpr double kMostCloseS = 30;
 
-class RecorderTest : public ::testing::Test {
+class RecorderTest : public test::RecordedDive {
  protected:
-  static RecorderConfig smallConfig() {
-    RecorderConfig config;
-    config.planned_hours = 0.1;
-    config.image_reserve_mib = config.log_reserve_mib = 0;
-    return config;
-  }
+  static RecorderConfig smallConfig() { return bareConfig(0.1); }
   std::unique_ptr<Recorder> recorder(const RecorderConfig& config = smallConfig()) {
-    return std::make_unique<Recorder>(folder_, dive_.mission(), dive_.rig(), config, player_.viewOf(),
-                                      player_.release());
+    return RecordedDive::recorder(config);
   }
-  // Offers inputs [from, to), letting the recorder work every now and then.
+  // Offers inputs [from, to).
   void play(Recorder& recorder, std::uint64_t from, std::uint64_t to) {
-    for (std::uint64_t n = from; n < to; ++n) {
-      EXPECT_TRUE(player_.offer(recorder, n));
-      if (n % 10 == 9) recorder.work(20);
-    }
+    next_ = from;
+    RecordedDive::play(recorder, to - from);
   }
   // How many events of each channel the log holds, and gaps by their text.
   std::map<std::string, int> channels() const {
@@ -63,12 +47,6 @@ class RecorderTest : public ::testing::Test {
     EXPECT_EQ(log.damagedStretches(), 0u);
     return count;
   }
-
-  test::TemporaryFolder parent_;
-  std::filesystem::path folder_ = parent_.path() / "dive";
-  SyntheticDive::Config dive_config_{64, 48, 50};
-  SyntheticDive dive_{dive_config_};
-  DivePlayer player_{dive_, dive_config_, 16};
 };
 
 TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
@@ -82,9 +60,7 @@ TEST_F(RecorderTest, TheLogHoldsEveryInputInOrderAndEveryImageThatItNames) {
     EXPECT_EQ(r->counters().images_without_input, 0u);
     EXPECT_EQ(r->disk(), Recorder::Disk::kRoom);
   }
-  const SyntheticDive::Found found = dive_.check(folder_);
-  EXPECT_THAT(found.wrong, IsEmpty());
-  EXPECT_EQ(found.inputs, 1000u);
+  const SyntheticDive::Found found = expectInputs(1000u);
   EXPECT_EQ(found.skipped, 0u);
   EXPECT_EQ(found.images, 40u);
   EXPECT_EQ(player_.blocks().held(), 0u);
@@ -109,8 +85,7 @@ TEST_F(RecorderTest, OfferingTakesNoMemory) {
     EXPECT_TRUE(r->offerMessage(2, input.arrival_utc_ns, "FATHOM_HEALTH", bytes));
   }
   EXPECT_EQ((test::threadCost() - before).heap_calls, 0u);
-  while (r->work(100)) {
-  }
+  while (r->work(100)) continue;
   EXPECT_EQ(r->counters().decisions, 100u);
   EXPECT_EQ(r->counters().messages, 100u);
 }
@@ -123,9 +98,7 @@ TEST_F(RecorderTest, AnExposureWithoutPixelsIsNamedAsLostBeforeItsEvent) {
   for (std::uint64_t n = 0; n < 60; ++n) EXPECT_TRUE(player_.offer(*r, n));
   EXPECT_EQ(r->counters().images_dropped_queue, 2u);
   EXPECT_TRUE(r->close(kMostCloseS).log_whole);
-  const SyntheticDive::Found found = dive_.check(folder_);
-  EXPECT_THAT(found.wrong, IsEmpty());
-  EXPECT_EQ(found.inputs, 60u);
+  const SyntheticDive::Found found = expectInputs(60u);
   EXPECT_EQ(found.images, 2u);
   EXPECT_EQ(found.images_lost, 2u);
   EXPECT_EQ(test::readGaps(folder_).images, 2u);
@@ -144,9 +117,7 @@ TEST_F(RecorderTest, ADiskTooSlowForImagesLosesImagesAndNotInputs) {
   play(r, 0, 400);
   EXPECT_TRUE(r.close(kMostCloseS).log_whole);
   EXPECT_EQ(r.counters().images_dropped_queue, 2u);  // the next pair; the one after it was quick
-  const SyntheticDive::Found found = dive_.check(folder_);
-  EXPECT_THAT(found.wrong, IsEmpty());
-  EXPECT_EQ(found.inputs, 400u);
+  const SyntheticDive::Found found = expectInputs(400u);
   EXPECT_EQ(found.images, 14u);
   EXPECT_EQ(found.images_lost, 2u);
 }
@@ -156,8 +127,7 @@ TEST_F(RecorderTest, InputsThatFindNoRoomLeaveAGapWithTheirNumber) {
   std::uint64_t refused = 0;
   for (int i = 0; i < 5000; ++i) refused += r->offerInput({SyntheticDive::kStartUtcNs + i, Tick{}}) ? 0 : 1;
   EXPECT_GT(refused, 0u);
-  while (r->work(100)) {
-  }
+  while (r->work(100)) continue;
   EXPECT_TRUE(r->offerInput({SyntheticDive::kStartUtcNs + 5000, Tick{}}));
   EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   EXPECT_EQ(r->counters().inputs_dropped, refused);
@@ -175,8 +145,7 @@ TEST_F(RecorderTest, RawBytesThatFindNoRoomAreCountedInTheLog) {
     refused += r->offerRaw(0, SyntheticDive::kStartUtcNs + i, "RAW_CAN", bytes) ? 0 : 1;
   EXPECT_GT(refused, 10);
   EXPECT_FALSE(r->offerRaw(99, SyntheticDive::kStartUtcNs, "RAW_CAN", bytes));
-  while (r->work(100)) {
-  }
+  while (r->work(100)) continue;
   EXPECT_EQ(test::readGaps(folder_).raw_entries, static_cast<std::uint64_t>(refused));
   EXPECT_EQ(r->counters().raw_dropped, static_cast<std::uint64_t>(refused));
 }
@@ -201,9 +170,7 @@ TEST_F(RecorderTest, AfterACrashRecordingContinuesBehindTheLastWholeEntry) {
     play(*r, 300, 500);
     EXPECT_TRUE(r->close(kMostCloseS).log_whole);
   }
-  const SyntheticDive::Found found = dive_.check(folder_);
-  EXPECT_THAT(found.wrong, IsEmpty());
-  EXPECT_EQ(found.inputs, 500u);
+  const SyntheticDive::Found found = expectInputs(500u);
   EXPECT_EQ(found.skipped, 0u);
   EXPECT_TRUE(std::filesystem::exists(paths.images() / "PR_20231114_221500_000_LC16.tif"));
 }
@@ -251,9 +218,9 @@ TEST_F(RecorderTest, AnotherDivesFolderAndAForeignLogAreRefused) {
   EXPECT_THAT(test::refusal([&] {
                 Recorder r(folder_, other, dive_.rig(), smallConfig(), player_.viewOf(), player_.release());
               }),
-              HasSubstr("give each dive its own folder"));
+              ::testing::HasSubstr("give each dive its own folder"));
   test::writeText(MissionPaths(folder_).log(), std::string(100, 'x'));
-  EXPECT_THAT(test::refusal([&] { recorder(); }), HasSubstr("is no LCM event log; move it away"));
+  EXPECT_THAT(test::refusal([&] { recorder(); }), ::testing::HasSubstr("is no LCM event log; move it away"));
 }
 
 TEST_F(RecorderTest, ALogOfWhichNotOneEntryWasWholeIsBegunAgain) {

@@ -6,7 +6,6 @@
 
 #include "firmware_if/mission/images/image_file.hpp"
 #include "firmware_if/mission/log/log_events.hpp"
-#include "firmware_if/mission/log/onboard_input.hpp"
 #include "realtime/base/input_error.hpp"
 
 namespace fathom::test {
@@ -71,15 +70,14 @@ io::OnboardInput SyntheticDive::input(std::uint64_t number) const {
   if (number % 10 == 0) return {arrival, io::Tick{}};
   if (number % 10 == 5) return {arrival, SensorSample(DepthSample{utc_ns, 20 + unit(number, 0)})};
   if (number % 20 == 2) {
-    DvlSample dvl;
-    dvl.utc_ns = utc_ns;
-    dvl.velocity = Eigen::Vector3d(unit(number, 0), unit(number, 1), unit(number, 2));
-    dvl.altitude = 2 + unit(number, 3);
+    DvlSample dvl{.utc_ns = utc_ns,
+                  .velocity = Eigen::Vector3d(unit(number, 0), unit(number, 1), unit(number, 2)),
+                  .range = {},
+                  .altitude = 2 + unit(number, 3)};
     return {arrival, SensorSample(dvl)};
   }
   if (number % 100 == 57) {
-    io::ModemFrame frame;
-    frame.size = 32;
+    io::ModemFrame frame{.size = 32};
     for (std::size_t i = 0; i < frame.size; ++i)
       frame.bytes[i] = static_cast<std::uint8_t>(mixed(number * 64 + i));
     return {arrival, frame};
@@ -164,14 +162,12 @@ DivePlayer::DivePlayer(const SyntheticDive& dive, const SyntheticDive::Config& c
 
 io::Recorder::ViewOf DivePlayer::viewOf() {
   return [this](const io::CameraFrame& frame) {
-    ImageView view;
-    view.data = blocks_.bytes(frame.block).data();
-    view.width = config_.width;
-    view.height = config_.height;
-    view.stride = 2 * static_cast<std::size_t>(config_.width);
-    view.format = frame.side == CameraSide::kLeft ? PixelFormat::kBayerRggb : PixelFormat::kMono;
-    view.bits = kBits;
-    return view;
+    return ImageView{.data = blocks_.bytes(frame.block).data(),
+                     .width = config_.width,
+                     .height = config_.height,
+                     .stride = 2 * static_cast<std::size_t>(config_.width),
+                     .format = frame.side == CameraSide::kLeft ? PixelFormat::kBayerRggb : PixelFormat::kMono,
+                     .bits = kBits};
   };
 }
 

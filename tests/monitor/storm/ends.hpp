@@ -1,21 +1,12 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <deque>
-#include <filesystem>
-#include <fstream>
-#include <functional>
-#include <map>
-#include <memory>
 
 #include "realtime/base/bytes/state_archive.hpp"
 #include "telemetry/downlink/downlink.hpp"
 #include "telemetry/monitor/model/monitor_model.hpp"
-#include "telemetry/monitor/session_files.hpp"
-#include "telemetry/wire/bundle.hpp"
-#include "tests/monitor/storm/ground.hpp"
+#include "telemetry/monitor/session.hpp"
+#include "telemetry/wire/frame.hpp"
 #include "tests/monitor/storm/plan.hpp"
 
 namespace fathom::test {
@@ -72,9 +63,7 @@ class Vehicle {
   void speak(std::int64_t true_ns, FramePort& modem,
              const std::function<void(std::span<const std::uint8_t>)>& on_sent) {
     const std::int64_t now_ns = ownTime(true_ns);
-    telemetry::Status status;
-    status.utc_ns = now_ns;
-    link_->setStatus(status);
+    link_->setStatus(telemetry::Status{.utc_ns = now_ns});
     std::array<std::uint8_t, FramePort::kMaxFrameBytes> buffer;
     while (const std::size_t size = link_->nextFrame(now_ns, buffer)) {
       (void)modem.send(std::span(buffer).first(size));

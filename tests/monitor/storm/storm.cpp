@@ -1,29 +1,22 @@
 // link_storm: dives of the acoustic link in storms, each judged by what the ship shows after the calm. Exit
 // status 1 when one is wrong.
-#include <algorithm>
-#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
-#include <map>
-#include <memory>
 #include <mutex>
 #include <optional>
-#include <string>
 #include <thread>
-#include <vector>
 
+#include "realtime/base/command_line.hpp"
 #include "realtime/base/text.hpp"
 #include "telemetry/map/map_packet.hpp"
 #include "tests/monitor/storm/ends.hpp"
-#include "tests/support/report_program.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::test {
 namespace {
 
-using telemetry::BlockKey;
-using telemetry::MapBlock;
+using telemetry::BlockKey, telemetry::MapBlock;
 
 // What a storm was and what came of it.
 struct StormResult {
@@ -261,8 +254,7 @@ class Storm {
     water_ = std::make_unique<sim::ChannelPair>(plan_.up, plan_.down, true);
     // Pause and rate are taken back.
     if (!plan_.requests.empty()) {
-      telemetry::Request request;
-      request.kind = telemetry::Request::Kind::kResumeMap;
+      telemetry::Request request{.kind = telemetry::Request::Kind::kResumeMap};
       ship_.ask(now_ns_, request);
       request.kind = telemetry::Request::Kind::kRate;
       request.rate_bps = std::max(80.0, plan_.link.rate_bps);
@@ -364,19 +356,20 @@ int report(const Options& o) {
   return bad == 0 ? 0 : 1;
 }
 
-Report stormReport() {
+void stormReport(CommandLine& program) {
   static Options o;
-  return {"storm",
-          "The ship's map against the vehicle's after storms of the link",
-          {{"--runs", &o.runs, "how many", 1, 1e6},
-           {"--first", &o.first, "seed of the first"},
-           {"--jobs", &o.jobs, "at once", 1, 256}},
-          [] { return report(o); }};
+  CommandLine& command = program.command(
+      "storm", "The ship's map against the vehicle's after storms of the link", "", [] { return report(o); });
+  command.shown("--runs", o.runs, "how many", 1, 1e6);
+  command.shown("--first", o.first, "seed of the first");
+  command.shown("--jobs", o.jobs, "at once", 1, 256);
 }
 
 }  // namespace
 }  // namespace fathom::test
 
 int main(int argc, char** argv) {
-  return fathom::test::runReports("link_storm", {fathom::test::stormReport()}, argc, argv);
+  fathom::CommandLine app("Storms of the link");
+  fathom::test::stormReport(app);
+  return app.run("link_storm", argc, argv);
 }

@@ -1,11 +1,9 @@
 #pragma once
 
-#include <cstdint>
-#include <string>
-#include <vector>
+#include <sys/types.h>
 
 #include "tests/support/bad_disk.hpp"
-#include "tests/support/bad_parts_control.hpp"
+#include "tests/support/bad_parts.hpp"
 
 namespace fathom::test {
 
@@ -36,5 +34,23 @@ inline constexpr std::int64_t kFaultFor_ms = 1000;
 // The times are drawn.
 [[nodiscard]] FaultCase faultCase(unsigned seed, int number);
 [[nodiscard]] int systematicCases();
+
+// PartFault::kCorrupt of a part whose input is not a device's: what it has from the disk, or what the mapper
+// process wrote into the memory that it shares with the vehicle, becomes noise. The mapper is then killed
+// where it would not look at it otherwise.
+//   supervisor  all that the mapper shared, once     publisher  its map's state and figures
+//   link        its frames to the modem              stereo     half of each image on the disk
+//   graph       the slots of features and meshes     map        the log: some bytes in its middle
+//   output      rows on the disk                     checkpoints  the newest saved state
+void damage(const FaultCase& fault, const std::filesystem::path& dive, pid_t mapper, unsigned seed);
+// What the recording then replays to is something else: it is damaged itself, or the dive's map lacks meshes
+// whose slots were damaged, which it counts.
+[[nodiscard]] bool replaysToOther(const FaultCase& fault);
+
+// Dives with the fault, in a vehicle process that is kept as the system's service manager keeps it, and
+// judges: a line on stdout, "good ..." or "BAD ... why". Seconds are the machine's; what the machine took
+// from the programs meanwhile is allowed on top of each limit. Exit status.
+int faultDive(const std::filesystem::path& mission, const std::filesystem::path& out, unsigned seed,
+              int number);
 
 }  // namespace fathom::test

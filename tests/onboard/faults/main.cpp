@@ -4,17 +4,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <fstream>
-#include <iterator>
 #include <map>
-#include <string>
-#include <vector>
 
-#include "tests/onboard/faults/fault_dive.hpp"
-#include "tests/support/report_program.hpp"
+#include "realtime/base/command_line.hpp"
+#include "tests/onboard/faults/fault_case.hpp"
 
 namespace fathom::test {
 namespace {
@@ -96,24 +91,24 @@ int report(const Options& options) {
 }  // namespace fathom::test
 
 int main(int argc, char** argv) {
-  using namespace fathom::test;
-  static Options o;
-  const Report faults = {"faults",
-                         "Dives with every fault of parts and disk, and with two at once",
-                         {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
-                          {"--cases", &o.cases, "how many; 0: every systematic one once"},
-                          {"--first", &o.first, "number of the first"},
-                          {"--step", &o.step, "from one case to the next", 1, 1000},
-                          {"--jobs", &o.jobs, "dives at once", 1, 64},
-                          {"--seed", &o.seed, "of the times"},
-                          {"--out", &o.out, "folder; bad dives stay there"}},
-                         [] { return report(o); }};
-  const Report dive = {"dive",
-                       "One of them",
-                       {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
-                        {"--number", &o.number, "which"},
-                        {"--seed", &o.seed, "of the times"},
-                        {"--out", &o.out, "folder of the dive"}},
-                       [] { return faultDive(o.mission, o.out, o.seed, o.number); }};
-  return runReports("onboard_faults", {faults, dive}, argc, argv);
+  using namespace fathom;
+  test::Options o;
+  CommandLine app("Dives with faults of parts and disk, judged");
+  CommandLine& faults =
+      app.command("faults", "Dives with every fault of parts and disk, and with two at once", "",
+                  [&] { return test::report(o); });
+  CommandLine& dive = app.command("dive", "One of them", "",
+                                  [&] { return test::faultDive(o.mission, o.out, o.seed, o.number); });
+  for (CommandLine* command : {&faults, &dive}) {
+    command->add_option("mission", o.mission, "recorded mission whose inputs are played")->required();
+    command->shown("--seed", o.seed, "of the times");
+  }
+  faults.shown("--cases", o.cases, "how many; 0: every systematic one once");
+  faults.shown("--first", o.first, "number of the first");
+  faults.shown("--step", o.step, "from one case to the next", 1, 1000);
+  faults.shown("--jobs", o.jobs, "dives at once", 1, 64);
+  faults.add_option("--out", o.out, "folder; bad dives stay there");
+  dive.shown("--number", o.number, "which");
+  dive.add_option("--out", o.out, "folder of the dive");
+  return app.run("onboard_faults", argc, argv);
 }

@@ -1,4 +1,4 @@
-#include "tests/onboard/faults/vehicle_process.hpp"
+#include "tests/onboard/faults/vehicle.hpp"
 
 #include <dirent.h>
 #include <fcntl.h>
@@ -9,10 +9,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
-#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>

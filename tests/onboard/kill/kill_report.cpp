@@ -302,44 +302,43 @@ int report(const Options& options) {
 
 }  // namespace
 
-Report killReport() {
+void killReport(CommandLine& program) {
   static Options o;
-  return {"kill",
-          "Kills the live program repeatedly and reports what a restart costs",
-          {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
-           {"--kills", &o.kills, "how often", 1, 1000},
-           {"--seed", &o.seed, "of the instants"},
-           {"--from-s", &o.from_s, "the dive begins there in the mission [s]"},
-           {"--checkpoint-s", &o.checkpoint_s, "between two saved states [s]", 1, 600},
-           {"--small", &o.small, "pools for some minutes, not for the five hours of the defaults"},
-           {"--hard", &o.hard, "with the priorities, the locked memory and the budget of a dive"},
-           {"--last-s", &o.last_s, "life of the program that is not killed [s]"},
-           {"--after-pairs", &o.after_pairs,
-            "first so many, flown forward and back; then the mapper is killed as often too; no replay"},
-           {"--leg-pairs", &o.leg_pairs, "of a leg, with --after-pairs", 2, 100000},
-           {"--rate", &o.rate, "times as fast as the mission until then", 0.1, 100},
-           {"--out", &o.out,
-            "folder for the dive and its replay; what is there of an earlier report is removed"}},
-          [] { return report(o); }};
+  CommandLine& command =
+      program.command("kill", "Kills the live program repeatedly and reports what a restart costs", "",
+                      [] { return report(o); });
+  command.add_option("mission", o.mission, "recorded mission whose inputs are played")->required();
+  command.shown("--kills", o.kills, "how often", 1, 1000);
+  command.shown("--seed", o.seed, "of the instants");
+  command.shown("--from-s", o.from_s, "the dive begins there in the mission [s]");
+  command.shown("--checkpoint-s", o.checkpoint_s, "between two saved states [s]", 1, 600);
+  command.add_flag("--small", o.small, "pools for some minutes, not for the five hours of the defaults");
+  command.add_flag("--hard", o.hard, "with the priorities, the locked memory and the budget of a dive");
+  command.shown("--last-s", o.last_s, "life of the program that is not killed [s]");
+  command.shown("--after-pairs", o.after_pairs,
+                "first so many, flown forward and back; then the mapper is killed as often too; no replay");
+  command.shown("--leg-pairs", o.leg_pairs, "of a leg, with --after-pairs", 2, 100000);
+  command.shown("--rate", o.rate, "times as fast as the mission until then", 0.1, 100);
+  command.add_option("--out", o.out,
+                     "folder for the dive and its replay; what is there of an earlier report is removed");
 }
 
-Report killedDive() {
+void killedDive(CommandLine& program) {
   static DiveOrders o;
-  return {"killed-dive",
-          "The program that kill starts, and kills",
-          {required({"folder", &o.folder, "of the dive"}),
-           required({"mission", &o.mission, "that is played"}),
-           required({"config", &o.config, "onboard.toml"}),
-           {"--shift-ns", &o.shift_ns, "added to the mission's times gives the vehicle's"},
-           {"--hard", &o.hard, "not in soft mode"},
-           {"--for-s", &o.for_s, "ends by itself so long after its map follows [s]"},
-           {"--begun", &o.begun, "file that is written when it navigates"},
-           {"--leg-pairs", &o.leg_pairs, "of a leg, forward and back without end"},
-           {"--from-s", &o.from_s, "the leg begins there in the mission [s]"},
-           {"--rate", &o.clock.rate, "of the vehicle's clock"},
-           {"--clock-offset-ns", &o.clock.offset_ns, "of the vehicle's clock"},
-           {"--clock-begin-ns", &o.clock.begin_ns, "of the vehicle's clock"}},
-          [] { return dive(o); }};
+  CommandLine& command =
+      program.command("killed-dive", "The program that kill starts, and kills", "", [] { return dive(o); });
+  command.add_option("folder", o.folder, "of the dive")->required();
+  command.add_option("mission", o.mission, "that is played")->required();
+  command.add_option("config", o.config, "onboard.toml")->required();
+  command.shown("--shift-ns", o.shift_ns, "added to the mission's times gives the vehicle's");
+  command.add_flag("--hard", o.hard, "not in soft mode");
+  command.shown("--for-s", o.for_s, "ends by itself so long after its map follows [s]");
+  command.add_option("--begun", o.begun, "file that is written when it navigates");
+  command.shown("--leg-pairs", o.leg_pairs, "of a leg, forward and back without end");
+  command.shown("--from-s", o.from_s, "the leg begins there in the mission [s]");
+  command.shown("--rate", o.clock.rate, "of the vehicle's clock");
+  command.shown("--clock-offset-ns", o.clock.offset_ns, "of the vehicle's clock");
+  command.shown("--clock-begin-ns", o.clock.begin_ns, "of the vehicle's clock");
 }
 
 }  // namespace fathom::test

@@ -1,15 +1,15 @@
 #pragma once
 
-#include "tests/support/report_program.hpp"
+#include "realtime/base/command_line.hpp"
 
 namespace fathom::test {
 
 // Kills the program on a dive repeatedly and reports the cost.
-[[nodiscard]] Report killReport();
+void killReport(CommandLine& program);
 // The program that it kills: started by it, as a subcommand of the same program.
-[[nodiscard]] Report killedDive();
+void killedDive(CommandLine& program);
 
 // What a machine that loses its power costs the live program.
-[[nodiscard]] Report powerReport();
+void powerReport(CommandLine& program);
 
 }  // namespace fathom::test

@@ -11,7 +11,7 @@
 #include <fstream>
 
 #include "realtime/base/input_error.hpp"
-#include "realtime/kernel/memory/process_memory.hpp"
+#include "realtime/kernel/memory/memory_budget.hpp"
 #include "realtime/onboard/live/live_system.hpp"
 #include "realtime/onboard/mapper/mapper_tier.hpp"
 #include "tests/onboard/live/played_devices.hpp"

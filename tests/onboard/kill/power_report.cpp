@@ -142,15 +142,15 @@ int report(const Options& options) {
 
 }  // namespace
 
-Report powerReport() {
+void powerReport(CommandLine& program) {
   static Options o;
-  return {"power",
-          "Cuts the power of the machine on which the live program dives, and lets it continue",
-          {required({"mission", &o.mission, "recorded mission whose inputs are played"}),
-           {"--cuts", &o.cuts, "how often", 1, 1000},
-           {"--seed", &o.seed, "of the instants, and of what the drive loses"},
-           {"--from-s", &o.from_s, "the dive begins there in the mission [s]"}},
-          [] { return report(o); }};
+  CommandLine& command = program.command(
+      "power", "Cuts the power of the machine on which the live program dives, and lets it continue", "",
+      [] { return report(o); });
+  command.add_option("mission", o.mission, "recorded mission whose inputs are played")->required();
+  command.shown("--cuts", o.cuts, "how often", 1, 1000);
+  command.shown("--seed", o.seed, "of the instants, and of what the drive loses");
+  command.shown("--from-s", o.from_s, "the dive begins there in the mission [s]");
 }
 
 }  // namespace fathom::test

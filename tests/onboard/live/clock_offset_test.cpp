@@ -1,13 +1,10 @@
 #include <gtest/gtest.h>
 
-#include <fstream>
-
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/time/vehicle_clock.hpp"
-#include "realtime/onboard/live/devices/input_sequencer.hpp"
+#include "realtime/onboard/live/hard_tier.hpp"
 #include "realtime/onboard/live/resume.hpp"
 #include "tests/support/test_data.hpp"
-#include "tests/support/text_files.hpp"
 
 namespace fathom::onboard {
 namespace {

@@ -6,23 +6,18 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <memory>
 #include <new>
 #include <stdexcept>
 #include <thread>
-#include <vector>
 
 #include "realtime/kernel/time/clock.hpp"
 #include "realtime/onboard/live/watched_threads.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::onboard {
 namespace {
 
-using testing::AllOf;
-using testing::ElementsAre;
-using testing::HasSubstr;
-using testing::IsEmpty;
+using testing::ElementsAre, testing::IsEmpty;
 
 // Time as the test has it: device threads ask it, and nothing sleeps by it.
 struct SteppedClock final : rt::Clock {
@@ -54,13 +49,10 @@ struct ThrowingSource final : io::SampleSource {
     return true;
   }
   void close() noexcept override { ++closed; }
-  void updateHealth(io::DeviceHealth& health) const noexcept override {
-    health.open = true;
-    health.reason = {};
-  }
   [[nodiscard]] io::DeviceHealth health() const override {
     io::DeviceHealth health;
     health.name = "depth";
+    health.open = true;
     return health;
   }
 };
@@ -78,11 +70,26 @@ struct ThrowingCamera final : io::CameraSource {
   void close() noexcept override { ++closed; }
   rt::SharedBlocks& pool() noexcept override { return blocks; }
   [[nodiscard]] ImageView view(const io::CameraFrame&) noexcept override { return {}; }
-  void updateHealth(io::DeviceHealth& health) const noexcept override {
+  [[nodiscard]] io::DeviceHealth health() const override {
+    io::DeviceHealth health;
     health.open = true;
-    health.reason = {};
+    return health;
   }
-  [[nodiscard]] io::DeviceHealth health() const override { return {}; }
+};
+
+// Runs a device's thread until it is stopped.
+template <class Thread>
+class Running {
+ public:
+  explicit Running(Thread& thread) : runs_([this, &thread] { thread.run(stop_); }) {}
+  void stop() {
+    stop_ = true;
+    runs_.join();
+  }
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::thread runs_;
 };
 
 std::uint64_t pollFailures(const io::DeviceHealth& health) {
@@ -97,8 +104,7 @@ TEST(DeviceThreads, ADeviceThatThrowsIsReleasedReportedAndTriedAgainAtGrowingInt
   InputRing inputs;
   ThrowingSource source;
   SampleThread thread(source, {&inputs, nullptr, 0, &heart}, clock);
-  std::atomic<bool> stop{false};
-  std::thread runs([&] { thread.run(stop); });
+  Running runs(thread);
   ASSERT_TRUE(comesTrue([&] { return pollFailures(thread.health()) == 1; }));
   EXPECT_FALSE(thread.health().open);
   EXPECT_EQ(thread.health().reason.view(), "the library is out of order");
@@ -117,8 +123,7 @@ TEST(DeviceThreads, ADeviceThatThrowsIsReleasedReportedAndTriedAgainAtGrowingInt
   ASSERT_TRUE(comesTrue([&] { return inputs.used() > 0 && thread.health().open; }));
   EXPECT_TRUE(thread.health().reason.empty());
   EXPECT_EQ(pollFailures(thread.health()), 2u);
-  stop = true;
-  runs.join();
+  runs.stop();
 }
 
 TEST(DeviceThreads, AMisdatedArrivalIsOfNow) {
@@ -131,14 +136,12 @@ TEST(DeviceThreads, AMisdatedArrivalIsOfNow) {
     source.throws = false;
     source.arrival_ns = misdated;
     SampleThread thread(source, {&inputs, nullptr, 0, &heart}, clock);
-    std::atomic<bool> stop{false};
-    std::thread runs([&] { thread.run(stop); });
+    Running runs(thread);
     io::OnboardInput input;
     EXPECT_TRUE(comesTrue([&] { return inputs.pop(input); }));
     EXPECT_LE(input.arrival_utc_ns, clock.now);
     EXPECT_GE(input.arrival_utc_ns, clock.now - 60 * kSecond_ns);
-    stop = true;
-    runs.join();
+    runs.stop();
   }
 }
 
@@ -151,16 +154,14 @@ TEST(DeviceThreads, ACameraThatHasNoMemoryForItsSearchIsTriedAgain) {
   const std::atomic<std::uint64_t> floor{0};
   FrameLender frames(camera, broadcast, floor, 1);
   CameraThread thread(camera, {&stamps, &frames, nullptr, &heart}, clock);
-  std::atomic<bool> stop{false};
-  std::thread runs([&] { thread.run(stop); });
+  Running runs(thread);
   ASSERT_TRUE(comesTrue([&] { return pollFailures(thread.health()) == 1; }));
-  EXPECT_THAT(std::string(thread.health().reason.view()), HasSubstr("bad_alloc"));
+  EXPECT_THAT(std::string(thread.health().reason.view()), testing::HasSubstr("bad_alloc"));
   EXPECT_EQ(camera.closed, 1);
   camera.throws = false;
   clock.now += kSecond_ns;
   EXPECT_TRUE(comesTrue([&] { return thread.health().open && camera.polls > 1; }));
-  stop = true;
-  runs.join();
+  runs.stop();
 }
 
 // A mapper that stalls, or is not there, holds up neither camera nor recorder.
@@ -171,10 +172,7 @@ TEST(FrameLender, LendsNoMoreThanItMayAndTakesBackWhatTheMapperIsPast) {
   {
     FrameLender lender(camera, *to, floor, 2);
     const auto give = [&](std::uint64_t id) {
-      io::CameraFrame frame;
-      frame.block = camera.blocks.acquire();
-      frame.frame_id = id;
-      lender.lend(frame);
+      lender.lend(io::CameraFrame{.block = camera.blocks.acquire(), .frame_id = id});
     };
     for (std::uint64_t id = 0; id < 5; ++id) give(id);
     EXPECT_EQ(camera.blocks.held(), 2U);
@@ -340,11 +338,9 @@ TEST(DeviceThreads, EveryLinkFrameOfABundleIsAnInput) {
   const auto outgoing = std::make_unique<ModemRing>();
   OwnStatus own({});
   ModemThread thread(modem, {outgoing.get(), &own, &inputs, nullptr, 0, &heart}, clock);
-  std::atomic<bool> stop{false};
-  std::thread runs([&] { thread.run(stop); });
+  Running runs(thread);
   ASSERT_TRUE(comesTrue([&] { return thread.counters().received == 3 && heart.beats() > 0; }));
-  stop = true;
-  runs.join();
+  runs.stop();
   std::vector<std::pair<std::size_t, int>> frames;
   for (io::OnboardInput input; inputs.pop(input);)
     if (const auto* frame = std::get_if<io::ModemFrame>(&input.what))

@@ -27,10 +27,7 @@ InputKey keyOf(const SensorSample& sample) {
 
 std::vector<std::string> replayDifferences(const fs::path& dive, const fs::path& config,
                                            const fs::path& again) {
-  onboard::ReplayOptions options;
-  options.mission = dive;
-  options.config = config;
-  options.out = again;
+  onboard::ReplayOptions options{.mission = dive, .config = config, .out = again, .link = {}};
   (void)onboard::replay(options);
   // What a clock measured.
   const std::set<std::string> measured = {"timing.json", "live.json"};

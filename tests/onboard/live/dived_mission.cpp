@@ -2,16 +2,12 @@
 
 #include <algorithm>
 
-#include "tests/onboard/live/dive_files.hpp"
-
 namespace fathom::test {
 
 namespace fs = std::filesystem;
 using namespace onboard;
 
-namespace {
-constexpr double kFrom_s = 37;  // in reef-quick: the seafloor comes into sight
-}  // namespace
+static constexpr double kFrom_s = 37;  // in reef-quick: the seafloor comes into sight
 
 DivedMission::DivedMission(fs::path mission)
     : mission_(std::move(mission)),
@@ -46,20 +42,6 @@ double DivedMission::leftSeconds() const {
 bool DivedMission::saidThat(const std::string& what) const {
   return std::any_of(said_.begin(), said_.end(),
                      [&](const std::string& line) { return line.find(what) != std::string::npos; });
-}
-
-MapState mapOf(const LiveSystem& live) {
-  MapState map;
-  (void)live.mapper().up().readMap(map);
-  return map;
-}
-
-MapperPhase phaseOf(const LiveSystem& live) {
-  return live.mapper().up().current();
-}
-
-std::vector<std::string> replayDifferences(const fs::path& folder) {
-  return replayDifferences(folder, folder.string() + ".toml", folder / "again");
 }
 
 }  // namespace fathom::test

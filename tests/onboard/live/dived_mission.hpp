@@ -1,11 +1,9 @@
 #pragma once
 
-#include <filesystem>
 #include <functional>
 #include <memory>
-#include <string>
-#include <vector>
 
+#include "tests/onboard/live/dive_files.hpp"
 #include "tests/onboard/live/played_devices.hpp"
 
 namespace fathom::test {
@@ -42,9 +40,17 @@ class DivedMission {
 };
 
 // What the mapper last showed.
-[[nodiscard]] onboard::MapState mapOf(const onboard::LiveSystem& live);
-[[nodiscard]] onboard::MapperPhase phaseOf(const onboard::LiveSystem& live);
+[[nodiscard]] inline onboard::MapState mapOf(const onboard::LiveSystem& live) {
+  onboard::MapState map;
+  (void)live.mapper().up().readMap(map);
+  return map;
+}
+[[nodiscard]] inline onboard::MapperPhase phaseOf(const onboard::LiveSystem& live) {
+  return live.mapper().up().current();
+}
 // Files of onboard/ in which the dive and a replay of its recording differ, with its configuration.
-[[nodiscard]] std::vector<std::string> replayDifferences(const std::filesystem::path& folder);
+[[nodiscard]] inline std::vector<std::string> replayDifferences(const std::filesystem::path& folder) {
+  return replayDifferences(folder, folder.string() + ".toml", folder / "again");
+}
 
 }  // namespace fathom::test

@@ -1,23 +1,17 @@
+// When the mapper is killed, started again, and with what; and what the vehicle does for itself meanwhile.
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <cmath>
-#include <csignal>
-#include <memory>
-
-#include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
-#include "realtime/onboard/live/devices/own_status.hpp"
+#include "realtime/onboard/live/devices/device_threads.hpp"
 #include "realtime/onboard/live/dive_lock.hpp"
-#include "realtime/onboard/live/part_states.hpp"
+#include "realtime/onboard/live/watched_threads.hpp"
 #include "realtime/onboard/mapper/input_feed.hpp"
 #include "realtime/onboard/mapper/mapper_keeper.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 #include "tests/support/test_data.hpp"
 
-// When the mapper is killed, started again, and with what; and what the vehicle does for itself meanwhile.
 namespace fathom::onboard {
 namespace {
 
@@ -174,8 +168,7 @@ TEST(OwnStatus, SpeaksOnlyWhileNobodyMapsAndBeyondWhatTheMapperMayHaveSaid) {
   OwnStatus::Config config;
   config.identity = {3, 77};
   OwnStatus own(config);
-  telemetry::Status status;
-  status.health = telemetry::kHealthNoMap;
+  telemetry::Status status{.health = telemetry::kHealthNoMap};
   OutgoingFrame frame;
   std::int64_t now = 1000 * kSecond_ns;
   own.set(status, true);
@@ -253,20 +246,12 @@ TEST(DiveLock, LetsOneProgramDiveInAFolderAndNamesItToTheNext) {
   {
     const DiveLock lock(folder.path());
     EXPECT_EQ(DiveLock::holder(folder.path()), ::getpid());
-    try {
-      const DiveLock second(folder.path());
-      ADD_FAILURE() << "two dive in one folder";
-    } catch (const InputError& e) {
-      EXPECT_THAT(std::string(e.what()), testing::HasSubstr("process " + std::to_string(::getpid())));
-    }
+    EXPECT_THAT(test::refusal([&] { const DiveLock second(folder.path()); }),
+                testing::HasSubstr("process " + std::to_string(::getpid())));
   }
   EXPECT_FALSE(DiveLock::holder(folder.path()).has_value());
   const DiveLock again(folder.path());
 }
-
-}  // namespace
-
-namespace {
 
 // Bytes that a failing mapper may have written.
 TEST(MapperUp, WhatNoMapperShowsIsIgnored) {
@@ -309,6 +294,59 @@ TEST(InputFeed, GoesOnWithoutWhatNeitherMemoryNorDiskHasInTimeAndCountsIt) {
   EXPECT_EQ(feed.skipped(), first);
   ASSERT_TRUE(feed.next(input));
   EXPECT_EQ(feed.position(), first + 2);
+}
+
+// When the vehicle process ends because it cannot continue.
+
+class Watched : public testing::Test {
+ protected:
+  std::string look() {
+    now_ns += kSecond_ns / 5;
+    return watch.look(now_ns, navigation, supervisor);
+  }
+  ProgramWatch watch{{2 * kSecond_ns, 5 * kSecond_ns}};
+  std::int64_t now_ns = 0;
+  std::uint64_t navigation = 0, supervisor = 0;
+};
+
+TEST_F(Watched, GoesOnWhileNavigationAndSupervisorLive) {
+  for (int k = 0; k < 100; ++k) {
+    ++navigation;
+    if (k % 5 == 0) ++supervisor;
+    EXPECT_EQ(look(), "");
+    EXPECT_TRUE(watch.alive());
+  }
+}
+
+TEST_F(Watched, EndsWhenNavigationIsSilentForItsLimit) {
+  (void)look();
+  int looks = 0;
+  for (; looks < 100 && look().empty(); ++looks) ++supervisor;
+  EXPECT_EQ(looks, 9);
+  EXPECT_FALSE(watch.alive());
+  EXPECT_THAT(look(), testing::HasSubstr("navigation"));
+}
+
+TEST_F(Watched, EndsWhenTheSupervisorIsSilentForItsLimit) {
+  (void)look();
+  int looks = 0;
+  for (; looks < 100 && look().empty(); ++looks) ++navigation;
+  EXPECT_EQ(looks, 24);
+  EXPECT_THAT(look(), testing::HasSubstr("supervisor"));
+}
+
+TEST(HungRestarts, EachIsWaitedForTwiceAsLongOverStartsOfTheProgram) {
+  const test::TemporaryFolder folder;
+  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond_ns), 4 * kSecond_ns);
+  EXPECT_TRUE(HungRestarts(folder.path()).note());
+  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond_ns), 8 * kSecond_ns);
+  for (int k = 0; k < 30; ++k) EXPECT_TRUE(HungRestarts(folder.path()).note());
+  EXPECT_EQ(HungRestarts(folder.path()).patienceNs(2 * kSecond_ns), 600 * kSecond_ns);
+}
+
+TEST(HungRestarts, WhereTheCountCannotBeKeptTheProgramDoesNotEnd) {
+  HungRestarts restarts("/dev/null");
+  EXPECT_FALSE(restarts.note());
 }
 
 }  // namespace

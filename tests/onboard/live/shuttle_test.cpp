@@ -1,4 +1,4 @@
-#include "tests/onboard/live/shuttle.hpp"
+#include "tests/onboard/live/played_devices.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,9 +13,7 @@ std::vector<io::OnboardInput> survey() {
     const std::int64_t utc = kBegin + i * kApart;
     for (const CameraSide side : {CameraSide::kLeft, CameraSide::kRight})
       inputs.push_back({utc, SensorSample(ImageEvent{utc, side, "image" + std::to_string(i), 0.001})});
-    DvlSample dvl;
-    dvl.utc_ns = utc;
-    dvl.velocity = Eigen::Vector3d(1.0 + i, 0, 0);
+    DvlSample dvl{.utc_ns = utc, .velocity = Eigen::Vector3d(1.0 + i, 0, 0), .range = {}, .altitude = {}};
     inputs.push_back({utc + kLate, SensorSample(dvl)});
   }
   return inputs;

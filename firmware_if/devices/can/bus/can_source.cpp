@@ -138,50 +138,36 @@ bool CanSource::poll(int timeout_ms, SampleSink& sink) {
 }
 
 DeviceHealth CanSource::health() const {
-  DeviceHealth out;
-  out.name = "can";
-  for (const char* name :
-       {"frames", "messages", "kernel_drops", "ill_formed", "other_sources", "source_changes",
-        "incomplete_messages", "unpaired_headings", "incomplete_fast_packets", "clock_steps", "sent",
-        "send_drops", "requests_answered", "address", "addresses_lost", "bus_is_off", "error_frames"})
-    out.counters.emplace_back(name, 0);
-  for (std::uint8_t kind = 0; kind < CanErrors::kKinds; ++kind)
-    out.counters.emplace_back(CanErrors::name(static_cast<CanErrors::Kind>(kind)), 0);
-  updateHealth(out);
-  return out;
-}
-
-void CanSource::updateHealth(DeviceHealth& health) const noexcept {
   const SocketCan::Counts& socket = socket_.counts();
   const N2kSamples::Counts samples = samples_.counts();
+  const CanSender::Counts sending = sender_ ? sender_->counts() : CanSender::Counts{};
+  DeviceHealth health;
+  health.name = "can";
   health.open = socket_.isOpen();
   health.last_data_ns = last_data_ns_;
   health.samples = samples.samples;
   health.disconnects = socket.disconnects;
-  // In the order of health().
-  const CanSender::Counts sending = sender_ ? sender_->counts() : CanSender::Counts{};
-  const std::array<std::uint64_t, 17> values = {
-      socket.frames,
-      decoder_.counts().messages,
-      socket.kernel_drops,
-      socket.ill_formed,
-      samples.other_sources,
-      samples.source_changes,
-      samples.incomplete,
-      samples.unpaired_headings,
-      decoder_.fastPacketCounts().incomplete,
-      socket_.clockSteps(),
-      socket.sent,
-      sending.dropped,
-      sending.requests,
-      sender_ ? sender_->claim().address() : std::uint64_t{kNoAddress},
-      sender_ ? sender_->claim().lost() : 0,
-      socket_.errors().busOff() ? 1U : 0U,
-      socket_.errors().frames()};
-  if (health.counters.size() != values.size() + CanErrors::kKinds) return;
-  for (std::size_t i = 0; i < values.size(); ++i) health.counters[i].second = values[i];
+  health.counters = {{"frames", socket.frames},
+                     {"messages", decoder_.counts().messages},
+                     {"kernel_drops", socket.kernel_drops},
+                     {"ill_formed", socket.ill_formed},
+                     {"other_sources", samples.other_sources},
+                     {"source_changes", samples.source_changes},
+                     {"incomplete_messages", samples.incomplete},
+                     {"unpaired_headings", samples.unpaired_headings},
+                     {"incomplete_fast_packets", decoder_.fastPacketCounts().incomplete},
+                     {"clock_steps", socket_.clockSteps()},
+                     {"sent", socket.sent},
+                     {"send_drops", sending.dropped},
+                     {"requests_answered", sending.requests},
+                     {"address", sender_ ? sender_->claim().address() : std::uint64_t{kNoAddress}},
+                     {"addresses_lost", sender_ ? sender_->claim().lost() : 0},
+                     {"bus_is_off", socket_.errors().busOff() ? 1U : 0U},
+                     {"error_frames", socket_.errors().frames()}};
   for (std::uint8_t kind = 0; kind < CanErrors::kKinds; ++kind)
-    health.counters[values.size() + kind].second = socket_.errors().count(static_cast<CanErrors::Kind>(kind));
+    health.counters.add({CanErrors::name(static_cast<CanErrors::Kind>(kind)),
+                         socket_.errors().count(static_cast<CanErrors::Kind>(kind))});
+  return health;
 }
 
 }  // namespace fathom::io

@@ -10,7 +10,8 @@
 #include "firmware_if/devices/can/send/can_sender.hpp"
 #include "firmware_if/devices/sample_source.hpp"
 #include "realtime/base/config_keys.hpp"
-#include "realtime/kernel/rings/latest_value.hpp"
+#include "realtime/base/config_table.hpp"
+#include "realtime/kernel/rings/broadcast_ring.hpp"
 
 namespace fathom::io {
 
@@ -39,7 +40,6 @@ class CanSource final : public SampleSource {
   // What poll() sends from now on, where sending is enabled; from one thread, any. To be renewed at least
   // every CanSender::kReportHolds_s.
   void publish(const VehicleReport& report) noexcept;
-  void updateHealth(DeviceHealth& health) const noexcept override;
   [[nodiscard]] DeviceHealth health() const override;
 
  private:

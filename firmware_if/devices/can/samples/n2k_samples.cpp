@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
 #include <stdexcept>
 #include <utility>
@@ -11,6 +12,12 @@
 
 namespace fathom::io {
 namespace {
+
+// Interpolates an angle in the direction of the smaller turn.
+double interpolateAngle(double from, double to, double fraction) {
+  return std::remainder(from + fraction * std::remainder(to - from, 2 * std::numbers::pi),
+                        2 * std::numbers::pi);
+}
 
 std::optional<std::string_view> textOf(const N2kMessage& message, std::string_view field) {
   for (const N2kField& f : message.present()) {
@@ -29,12 +36,76 @@ std::optional<double> fresh(const std::optional<HeldNumber>& held, std::int64_t 
   return held && utc_ns - held->utc_ns <= holds_s * kSecond_ns ? std::optional(held->value) : std::nullopt;
 }
 
+// [rad] north and east, where the message has a place on the Earth.
+std::optional<std::array<double, 2>> placeOf(const N2kMessage& message) {
+  const auto latitude = message.number("latitude_deg"), longitude = message.number("longitude_deg");
+  if (!latitude || !longitude || std::abs(*latitude) > 90 || std::abs(*longitude) > 180) return std::nullopt;
+  return std::array{*latitude * kRadiansPerDegree, *longitude * kRadiansPerDegree};
+}
+
 double inFullCircle(double angle) {
   const double turned = std::remainder(angle, 2 * std::numbers::pi);
   return turned < 0 ? turned + 2 * std::numbers::pi : turned;
 }
 
 }  // namespace
+
+bool AttitudePairing::sameInstant(const Heading& heading, const Tilt& tilt) const noexcept {
+  return tilt_sid_moves_ && heading_sid_moves_ && heading.sid && heading.sid == tilt.sid &&
+         heading.source == tilt.source && std::abs(heading.utc_ns - tilt.utc_ns) <= max_gap_ns_;
+}
+
+void AttitudePairing::give(const Heading& heading, std::int64_t utc_ns, double roll, double pitch) noexcept {
+  if (last_given_ns_ && utc_ns <= *last_given_ns_) {
+    ++unpaired_;
+    return;
+  }
+  last_given_ns_ = utc_ns;
+  out_[out_count_++] = {utc_ns, roll, pitch, heading.heading, heading.magnetic};
+}
+
+std::span<const AttitudeSample> AttitudePairing::add(const Heading& heading) noexcept {
+  out_count_ = 0;
+  heading_sid_moves_ = heading.sid && last_heading_sid_ && heading.sid != last_heading_sid_;
+  last_heading_sid_ = heading.sid;
+  if (tilt_ && sameInstant(heading, *tilt_)) {
+    unpaired_ += waiting_count_;
+    waiting_count_ = 0;
+    give(heading, std::min(heading.utc_ns, tilt_->utc_ns), tilt_->roll, tilt_->pitch);
+    return {out_.data(), out_count_};
+  }
+  if (waiting_count_ == kWaiting) {
+    ++unpaired_;
+    std::shift_left(waiting_.begin(), waiting_.end(), 1);
+    --waiting_count_;
+  }
+  waiting_[waiting_count_++] = heading;
+  return {};
+}
+
+std::span<const AttitudeSample> AttitudePairing::add(const Tilt& tilt) noexcept {
+  out_count_ = 0;
+  tilt_sid_moves_ = tilt.sid && tilt_ && tilt.sid != tilt_->sid;
+  for (std::size_t i = 0; i < waiting_count_; ++i) {
+    const Heading& heading = waiting_[i];
+    if (sameInstant(heading, tilt)) {
+      give(heading, std::min(heading.utc_ns, tilt.utc_ns), tilt.roll, tilt.pitch);
+    } else if (heading.utc_ns == tilt.utc_ns) {
+      give(heading, heading.utc_ns, tilt.roll, tilt.pitch);
+    } else if (tilt_ && tilt_->utc_ns <= heading.utc_ns && heading.utc_ns < tilt.utc_ns &&
+               tilt.utc_ns - tilt_->utc_ns <= max_gap_ns_) {
+      const double fraction = static_cast<double>(heading.utc_ns - tilt_->utc_ns) /
+                              static_cast<double>(tilt.utc_ns - tilt_->utc_ns);
+      give(heading, heading.utc_ns, interpolateAngle(tilt_->roll, tilt.roll, fraction),
+           interpolateAngle(tilt_->pitch, tilt.pitch, fraction));
+    } else {
+      ++unpaired_;
+    }
+  }
+  waiting_count_ = 0;
+  tilt_ = tilt;
+  return {out_.data(), out_count_};
+}
 
 void N2kSamples::Config::validate() const {
   const auto need = [](bool good, const char* what) {
@@ -198,26 +269,23 @@ void N2kSamples::addGnss(const N2kMessage& message, std::int64_t utc_ns) noexcep
     return incomplete();
   }
   if (!accepted(gps_, message, utc_ns)) return;
-  const auto latitude = message.number("latitude_deg"), longitude = message.number("longitude_deg"),
-             hdop = message.number("hdop");
-  if (!latitude || !longitude || !hdop || *hdop <= 0 || std::abs(*latitude) > 90 ||
-      std::abs(*longitude) > 180) {
+  const auto place = placeOf(message);
+  const auto hdop = message.number("hdop");
+  if (!place || !hdop || *hdop <= 0) {
     hdop_.reset();
     return incomplete();
   }
   hdop_ = {*hdop, utc_ns};
-  give(GpsFix{utc_ns, *latitude * kRadiansPerDegree, *longitude * kRadiansPerDegree,
-              *hdop * config_.gps_range_sigma_m});
+  give(GpsFix{utc_ns, (*place)[0], (*place)[1], *hdop * config_.gps_range_sigma_m});
 }
 
 void N2kSamples::addPosition(const N2kMessage& message, std::int64_t utc_ns) noexcept {
   const auto hdop = fresh(hdop_, utc_ns, kHdopHolds_s);
   if (!hdop) return incomplete();
   if (!accepted(gps_, message, utc_ns)) return;
-  const auto latitude = message.number("latitude_deg"), longitude = message.number("longitude_deg");
-  if (!latitude || !longitude || std::abs(*latitude) > 90 || std::abs(*longitude) > 180) return incomplete();
-  give(GpsFix{utc_ns, *latitude * kRadiansPerDegree, *longitude * kRadiansPerDegree,
-              *hdop * config_.gps_range_sigma_m});
+  const auto place = placeOf(message);
+  if (!place) return incomplete();
+  give(GpsFix{utc_ns, (*place)[0], (*place)[1], *hdop * config_.gps_range_sigma_m});
 }
 
 void N2kSamples::addWater(const N2kMessage& message, std::int64_t utc_ns) noexcept {

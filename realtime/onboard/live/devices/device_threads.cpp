@@ -1,23 +1,17 @@
 #include "realtime/onboard/live/devices/device_threads.hpp"
 
 #include <algorithm>
-#include <array>
 
 #include "firmware_if/mission/images/image_file.hpp"
 #include "realtime/kernel/fault_point.hpp"
 #include "realtime/kernel/threads/rt_thread.hpp"
-#include "telemetry/wire/bundle.hpp"
+#include "telemetry/wire/frame.hpp"
 
 namespace fathom::onboard {
 namespace {
 
 constexpr int kPollMs = 100;                        // a stop is noticed within this
 constexpr std::int64_t kModemPoll_ns = 10'000'000;  // far below the time that a frame takes on the water
-
-io::DeviceHealth withFailures(io::DeviceHealth health) {
-  health.counters.emplace_back("poll_failures", 0);
-  return health;
-}
 
 // Arrivals order the log and advance its time: an arrival that a device or the system misdated must not move
 // that into the future or years back.
@@ -26,33 +20,103 @@ std::int64_t plausibleArrival(std::int64_t utc_ns, std::int64_t now_ns) noexcept
   return std::clamp(utc_ns, now_ns - kMostAge_ns, now_ns);
 }
 
-// Into a health of withFailures().
+// With what the fence saw.
 template <class Device>
-void refresh(const Device& device, const io::PollFence& fence, io::DeviceHealth& health) {
-  device.updateHealth(health);
+io::DeviceHealth healthOf(const Device& device, const io::PollFence& fence) {
+  io::DeviceHealth health = device.health();
   fence.markFailure(health);
-  health.counters.back().second = fence.failures();
+  health.counters.add({"poll_failures", fence.failures()});
+  return health;
 }
 
 // What is longer is no link frame.
 static_assert(std::tuple_size_v<decltype(io::ModemFrame::bytes)> == telemetry::kMaxFrameBytes);
 
-io::DeviceHealth modemHealth() {
-  io::DeviceHealth health;
-  health.name = "modem";
-  return health;
-}
-
 }  // namespace
 
+void OwnStatus::set(const telemetry::Status& status, bool mapper) noexcept {
+  known_.write({status, mapper ? 1U : 0U});
+}
+
+bool OwnStatus::nextVersion(telemetry::Version& version) const noexcept {
+  version = next_.load(std::memory_order_relaxed);
+  return any_.load(std::memory_order_acquire);
+}
+
+bool OwnStatus::next(std::int64_t now_ns, OutgoingFrame& frame) noexcept {
+  Known known;
+  if (last_ns_ == 0) last_ns_ = now_ns;
+  if (!known_.read(known) || known.mapper != 0) return false;
+  if (now_ns - last_ns_ < (own_turn_ ? config_.period_ns : config_.silent_ns)) return false;
+  std::array<std::uint8_t, telemetry::kStatusBytes> payload{};
+  const std::size_t bytes = telemetry::encodeStatus(known.status, payload);
+  telemetry::FrameHeader header;
+  header.identity = config_.identity;
+  header.type = telemetry::MessageType::kStatus;
+  // The ship may answer: after a status alone nothing else waits to be said.
+  header.turn = true;
+  const auto passed_over = own_turn_ ? std::uint16_t{0} : config_.passed_over;
+  header.version = next_.load(std::memory_order_relaxed) + passed_over;
+  const bool padded = config_.padded_bytes > 0;
+  const std::span<std::uint8_t> out(frame.bytes);
+  telemetry::ModemFrameWriter modem(padded ? out.first(config_.padded_bytes) : out, padded);
+  modem.add(telemetry::encodeFrame(header, std::span(payload).first(bytes), modem.room(), config_.tag));
+  frame.size = static_cast<std::uint16_t>(modem.finish());
+  return true;
+}
+
+bool OwnStatus::sent(std::int64_t now_ns, std::span<const std::uint8_t> bytes, bool own) noexcept {
+  last_ns_ = now_ns;
+  own_turn_ = own;
+  bool turn = false;
+  telemetry::LinkFrames link_frames(bytes);
+  while (const auto link_frame = link_frames.next()) {
+    const telemetry::DecodedFrame frame = telemetry::peekFrame(*link_frame);
+    if (frame.verdict != telemetry::FrameVerdict::kAccepted) continue;
+    turn = turn || frame.header.turn;
+    // A repair frame names another's number.
+    if (frame.header.type == telemetry::MessageType::kRepair) continue;
+    const telemetry::Version before = next_.load(std::memory_order_relaxed);
+    next_.store(telemetry::versionNear(frame.header.sequence(), before) + 1, std::memory_order_relaxed);
+    any_.store(true, std::memory_order_release);
+  }
+  return turn;
+}
+
+FrameLender::FrameLender(io::CameraSource& camera, FrameBroadcast& to,
+                         const std::atomic<std::uint64_t>& floor, std::size_t most)
+    : camera_(camera), to_(to), floor_(floor), most_(std::clamp<std::size_t>(most, 1, kMost)) {}
+
+FrameLender::~FrameLender() {
+  for (; count_ > 0; --count_, ++begin_) camera_.pool().release(loans_[begin_ % kMost].block);
+}
+
+void FrameLender::takeBack() noexcept {
+  const std::uint64_t floor = floor_.load(std::memory_order_acquire);
+  for (; count_ > 0 && loans_[begin_ % kMost].number < floor; --count_, ++begin_)
+    camera_.pool().release(loans_[begin_ % kMost].block);
+}
+
+void FrameLender::lend(const io::CameraFrame& frame) noexcept {
+  takeBack();
+  if (count_ == most_) {
+    refused_.fetch_add(1, std::memory_order_relaxed);
+    camera_.pool().release(frame.block);
+    return;
+  }
+  const ImageView view = camera_.view(frame);
+  loans_[(begin_ + count_++) % kMost] = {frame.block, to_.next()};
+  to_.push({frame, view.width, view.height, view.stride, view.format, view.bits});
+}
+
 SampleThread::SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock)
-    : source_(source), links_(links), clock_(clock), health_(withFailures(source.health())) {}
+    : source_(source), links_(links), clock_(clock), health_(healthOf(source, fence_)) {}
 
 void SampleThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint("samples");
     fence_.poll(source_, kPollMs, *this, clock_.monotonicNs());
-    health_.update([&](io::DeviceHealth& health) { refresh(source_, fence_, health); });
+    health_.update(healthOf(source_, fence_));
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -73,13 +137,13 @@ CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const r
       links_(links),
       clock_(clock),
       name_(camera.health().name),
-      health_(withFailures(camera.health())) {}
+      health_(healthOf(camera, fence_)) {}
 
 void CameraThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint(name_.data());
     fence_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
-    health_.update([&](io::DeviceHealth& health) { refresh(camera_, fence_, health); });
+    health_.update(healthOf(camera_, fence_));
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -99,7 +163,7 @@ void CameraThread::frame(const io::CameraFrame& frame) noexcept {
 }
 
 ModemThread::ModemThread(FramePort& modem, const Links& links, const rt::Clock& clock)
-    : modem_(modem), links_(links), clock_(clock), health_(modemHealth()) {}
+    : modem_(modem), links_(links), clock_(clock), health_({.name = "modem"}) {}
 
 void ModemThread::receiveAll() noexcept {
   std::array<std::uint8_t, FramePort::kMaxFrameBytes> bytes;
@@ -123,6 +187,7 @@ void ModemThread::receiveAll() noexcept {
 
 void ModemThread::run(const std::atomic<bool>& stop) {
   OutgoingFrame frame;
+  io::DeviceHealth health = health_.read();
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint("modem");
     receiveAll();
@@ -136,12 +201,11 @@ void ModemThread::run(const std::atomic<bool>& stop) {
       send(frame, true);
     }
     counters_.dropped.store(modem_.droppedFrames(), std::memory_order_relaxed);
-    health_.update([&](io::DeviceHealth& health) {
-      health.open = modem_.isOpen();
-      health.reason = modem_.reason();
-      health.last_data_ns = counters_.last_received_ns.load(std::memory_order_relaxed);
-      health.samples = counters_.received.load(std::memory_order_relaxed);
-    });
+    health.open = modem_.isOpen();
+    health.reason = modem_.reason();
+    health.last_data_ns = counters_.last_received_ns.load(std::memory_order_relaxed);
+    health.samples = counters_.received.load(std::memory_order_relaxed);
+    health_.update(health);
     links_.heart->beat(clock_.monotonicNs());
     rt::restFor(kModemPoll_ns);
   }

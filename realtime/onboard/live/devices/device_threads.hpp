@@ -1,37 +1,112 @@
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string_view>
 #include <vector>
 
-#include "firmware_if/devices/poll_fence.hpp"
+#include "firmware_if/devices/camera/camera_source.hpp"
+#include "firmware_if/devices/sample_source.hpp"
 #include "firmware_if/recorder/recorder.hpp"
 #include "realtime/kernel/frame_port.hpp"
+#include "realtime/kernel/rings/broadcast_ring.hpp"
 #include "realtime/kernel/threads/watchdog.hpp"
 #include "realtime/kernel/time/clock.hpp"
-#include "realtime/onboard/live/devices/frame_lender.hpp"
-#include "realtime/onboard/live/devices/input_sequencer.hpp"
-#include "realtime/onboard/live/devices/own_status.hpp"
-#include "realtime/onboard/modem/modem_ring.hpp"
+#include "realtime/onboard/live/hard_tier.hpp"
+#include "realtime/onboard/mapper/mapper_channel.hpp"
+#include "telemetry/wire/frame.hpp"
+#include "telemetry/wire/uplink_messages.hpp"
 
 namespace fathom::onboard {
+
+// The vehicle's own status to the ship while no mapper runs, at a slow pace, in frames with sequence numbers
+// beyond those that a mapper may have used (noteSent of the link). One thread sets the status, the modem's
+// thread takes frames and reports those sent.
+class OwnStatus {
+ public:
+  struct Config {
+    telemetry::LinkIdentity identity;
+    telemetry::FrameTag tag;
+    telemetry::Version first = telemetry::firstVersion(0);  // of the dive
+    std::int64_t silent_ns = 30'000'000'000;  // that the link has been before the vehicle speaks itself
+    std::int64_t period_ns = 20'000'000'000;  // from status to status
+    std::uint16_t passed_over = 64;           // sequence numbers that a lost mapper may have used unseen
+    std::size_t padded_bytes = 0;             // size of a padded modem frame; 0: a link frame as it is
+  };
+  explicit OwnStatus(const Config& config) : config_(config), next_(config.first) {}
+
+  // Some times a second, from one thread. `mapper`: one follows the log and may speak.
+  void set(const telemetry::Status& status, bool mapper) noexcept;
+  // Any thread: the first version that is free; false where no frame was ever seen.
+  [[nodiscard]] bool nextVersion(telemetry::Version& version) const noexcept;
+
+  // The modem's thread. The frame that is due; false for none.
+  [[nodiscard]] bool next(std::int64_t now_ns, OutgoingFrame& frame) noexcept;
+  // Every modem frame that goes out; `own`: next() gave it.
+  bool sent(std::int64_t now_ns, std::span<const std::uint8_t> frame, bool own) noexcept;
+
+ private:
+  struct Known {
+    telemetry::Status status;
+    std::uint64_t mapper = 0;
+  };
+  Config config_;
+  rt::SharedRecord<Known> known_;
+  std::atomic<telemetry::Version> next_;  // frame
+  std::atomic<bool> any_{false};
+  std::int64_t last_ns_ = 0;  // a frame was sent, or listening began
+  bool own_turn_ = false;     // the last frame was the vehicle's own
+};
+
+// Lends one camera's frames to the mapper: their blocks stay held until the mapper has passed them. At most
+// `most` at once: newer frames are not lent to a mapper that stalls or is absent, which reads them from the
+// disk later; neither camera nor recorder waits. Used by the camera's thread only.
+class FrameLender {
+ public:
+  // The pool must outlive it. `most`: well below the pool's blocks.
+  FrameLender(io::CameraSource& camera, FrameBroadcast& to, const std::atomic<std::uint64_t>& floor,
+              std::size_t most);
+  ~FrameLender();
+  FrameLender(const FrameLender&) = delete;
+  FrameLender& operator=(const FrameLender&) = delete;
+
+  // Takes the caller's hold on the frame.
+  void lend(const io::CameraFrame& frame) noexcept;
+
+  // Frames that were not lent because the mapper still held too many; from any thread.
+  [[nodiscard]] std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
+
+ private:
+  static constexpr std::size_t kMost = 64;  // of any pool
+  struct Loan {
+    std::uint32_t block = 0;
+    std::uint64_t number = 0;
+  };
+  void takeBack() noexcept;
+
+  io::CameraSource& camera_;
+  FrameBroadcast& to_;
+  const std::atomic<std::uint64_t>& floor_;
+  std::size_t most_;
+  std::array<Loan, kMost> loans_{};  // oldest first, from begin_
+  std::size_t begin_ = 0, count_ = 0;
+  std::atomic<std::uint64_t> refused_{0};
+};
 
 // A device's health, from the thread that polls it to the one that reports. Both are best effort in this
 // respect; the hard tier never uses it.
 class SharedHealth {
  public:
-  explicit SharedHealth(io::DeviceHealth first) : own_(first), shown_(std::move(first)) {}
-  // `fill(DeviceHealth&)` refreshes all of it. By the polling thread, without waiting: skipped while the
-  // other side reads.
-  template <class Fill>
-  void update(const Fill& fill) noexcept {
-    fill(own_);
+  explicit SharedHealth(const io::DeviceHealth& first) : shown_(first) {}
+  // By the polling thread, without waiting: skipped while the other side reads.
+  void update(const io::DeviceHealth& health) noexcept {
     const std::unique_lock<std::mutex> lock(mutex_, std::try_to_lock);
-    if (lock.owns_lock()) std::swap(own_, shown_);
+    if (lock.owns_lock()) shown_ = health;
   }
   [[nodiscard]] io::DeviceHealth read() const {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -40,7 +115,7 @@ class SharedHealth {
 
  private:
   mutable std::mutex mutex_;
-  io::DeviceHealth own_, shown_;
+  io::DeviceHealth shown_;
 };
 
 // The thread of one device that gives samples: polls it, passes samples to the hard tier and bytes to the

@@ -1,8 +1,9 @@
 #include "recon/products/tiles/check/tile_check.hpp"
 
 #include <tbb/parallel_for.h>
-
+#include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <iterator>
 #include <map>
@@ -12,12 +13,113 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/products/tiles/block_texture.hpp"
-#include "recon/products/tiles/check/border_edges.hpp"
 #include "recon/products/tiles/check/tileset_reader.hpp"
 #include "recon/products/tiles/glb.hpp"
 #include "recon/products/tiles/tileset.hpp"
 
 namespace fathom::topside {
+namespace {
+
+BorderEdge turned(const BorderEdge& edge) {
+  return {edge.to, edge.from};
+}
+
+std::int32_t steps(float metres) {
+  return static_cast<std::int32_t>(std::lround(static_cast<double>(metres) / TileGrid::kLattice));
+}
+
+std::vector<BorderEdge> without(const std::vector<BorderEdge>& all, const std::vector<BorderEdge>& those) {
+  std::vector<BorderEdge> rest;
+  std::set_difference(all.begin(), all.end(), those.begin(), those.end(), std::back_inserter(rest));
+  return rest;
+}
+
+// Where two cells meet along an edge only, fusion makes a vertex twice, a step apart; surfaces that end there
+// on both sides of a plane overlap by that much and do not belong together.
+constexpr double kTouch = 2;  // [steps]
+
+// Whether edges of tiles on both sides of a plane, one of them turned round, are meant to be one line: they
+// run over a common stretch as seen along `a`, less than `near` steps apart. Stretches are measured along the
+// edge and not along the side, for on a steep surface all of a hole's outline stands over a few steps of the
+// side.
+bool beside(const BorderEdge& a, const BorderEdge& b, std::int64_t near) {
+  if (a == turned(b)) return true;  // the same edge by a face of the opposite orientation
+  const auto from = [&](const std::array<std::int32_t, 2>& place) {
+    return Eigen::Vector2d(place[0] - a.from[0], place[1] - a.from[1]);
+  };
+  const double length = from(a.to).norm();
+  const Eigen::Vector2d along = from(a.to) / length, across(-along.y(), along.x());
+  const Eigen::Vector2d first = from(b.from), last = from(b.to);
+  const double s0 = first.dot(along), s1 = last.dot(along);
+  const double begin = std::max(s0, 0.0), end = std::min(s1, length);
+  if (begin + kTouch >= end) return false;
+  const auto distance = [&](double s) {
+    return std::lerp(first.dot(across), last.dot(across), (s - s0) / (s1 - s0));
+  };
+  const double d0 = distance(begin), d1 = distance(end);
+  return d0 * d1 <= 0 || std::min(std::abs(d0), std::abs(d1)) < static_cast<double>(near);
+}
+
+}  // namespace
+
+TileBorders bordersOf(const TileMesh& tile) {
+  TileBorders borders;
+  const auto& vertices = tile.mesh.vertices;
+  for (std::size_t side = 0; side < borders.size(); ++side) {
+    const auto bit = static_cast<std::uint8_t>(1U << side);
+    const Eigen::Index along = side < 2 ? 1 : 0;
+    std::vector<BorderEdge> edges;
+    for (const auto& triangle : tile.mesh.triangles)
+      for (std::size_t c = 0; c < 3; ++c) {
+        const std::uint32_t a = triangle[c], b = triangle[(c + 1) % 3];
+        if ((tile.shared[a] & tile.shared[b] & bit) == 0) continue;
+        const BorderEdge edge{{steps(vertices[a][along]), steps(vertices[a].z())},
+                              {steps(vertices[b][along]), steps(vertices[b].z())}};
+        if (edge.from != edge.to) edges.push_back(edge);
+      }
+    std::sort(edges.begin(), edges.end());
+    // An edge that is there reversed, too, has the surface on both its sides.
+    std::vector<BorderEdge> back(edges);
+    for (BorderEdge& edge : back) edge = turned(edge);
+    std::sort(back.begin(), back.end());
+    borders[side] = without(edges, back);
+  }
+  return borders;
+}
+
+BorderMatch matchNeighbours(const std::vector<BorderEdge>& here, const std::vector<BorderEdge>& there,
+                            double voxel) {
+  std::vector<BorderEdge> back(there);
+  for (BorderEdge& edge : back) edge = turned(edge);
+  std::sort(back.begin(), back.end());
+  const std::vector<BorderEdge> mine = without(here, back), yours = without(back, here);
+  BorderMatch match;
+  match.equal = here.size() - mine.size();
+  const auto near = static_cast<std::int64_t>(std::lround(2 * voxel / TileGrid::kLattice));
+  for (const BorderEdge& edge : mine) {
+    const bool crack = std::any_of(yours.begin(), yours.end(),
+                                   [&](const BorderEdge& other) { return beside(edge, other, near); });
+    if (crack && match.cracks == 0) match.place = edge.from;
+    ++(crack ? match.cracks : match.open);
+  }
+  for (const BorderEdge& edge : yours)
+    if (std::none_of(mine.begin(), mine.end(),
+                     [&](const BorderEdge& other) { return beside(edge, other, near); }))
+      ++match.open;
+  return match;
+}
+
+BorderMatch matchLevels(const std::vector<BorderEdge>& parent, std::vector<BorderEdge> children) {
+  std::sort(children.begin(), children.end());
+  const std::vector<BorderEdge> lost = without(children, parent), invented = without(parent, children);
+  BorderMatch match;
+  match.equal = parent.size() - invented.size();
+  match.cracks = lost.size() + invented.size();
+  if (!lost.empty()) match.place = lost.front().from;
+  if (lost.empty() && !invented.empty()) match.place = invented.front().from;
+  return match;
+}
+
 namespace {
 
 constexpr double kRounding = 1e-6;  // of boxes [m]
@@ -84,41 +186,47 @@ Looked look(const std::filesystem::path& folder, const ListedTile& listed) {
 
 using Level = std::map<TileId, TileBorders>;
 
+// Sides of a tile as TileBorders counts them: low north is the south side, low east the west side.
+enum Side : std::size_t { kSouth, kNorth, kWest, kEast };
+constexpr Side kSides[] = {kSouth, kNorth, kWest, kEast};
+
+// The `k`th of the children that reach to a side of a tile.
+TileId childAt(const TileId& id, Side side, std::int32_t k) {
+  constexpr std::int32_t kLast = TileGrid::kFanOut - 1;
+  const TileId first{id.level - 1, TileGrid::kFanOut * id.x, TileGrid::kFanOut * id.y};
+  switch (side) {
+    case kSouth:
+      return {first.level, first.x, first.y + k};
+    case kNorth:
+      return {first.level, first.x + kLast, first.y + k};
+    case kWest:
+      return {first.level, first.x + k, first.y};
+    default:
+      return {first.level, first.x + k, first.y + kLast};
+  }
+}
+
 class Borders {
  public:
   Borders(TileCheck& check, const TileGrid& grid) : check_(check), grid_(grid) {}
 
   void between(const Level& level) {
-    for (const auto& [id, borders] : level)
-      for (const bool north : {true, false}) {
-        const auto other = level.find({id.level, id.x + (north ? 1 : 0), id.y + (north ? 0 : 1)});
-        const std::size_t side = north ? 1 : 3;
-        if (other == level.end()) {
-          check_.open_edges += borders[side].size();
-          continue;
-        }
-        const BorderMatch match = matchNeighbours(borders[side], other->second[side - 1], grid_.voxel);
-        check_.edges_between_tiles += match.equal;
-        check_.open_edges += match.open;
-        check_.cracks_between_tiles += match.cracks;
-        if (match.cracks > 0) fault(id, match, side, "and " + tilePath(other->first, ""));
-      }
+    for (const auto& [id, borders] : level) {
+      meet(level, id, borders, kNorth, {id.level, id.x + 1, id.y}, kSouth);
+      meet(level, id, borders, kEast, {id.level, id.x, id.y + 1}, kWest);
+    }
   }
 
   void between(const Level& parents, const Level& children) {
-    constexpr int kFanOut = TileGrid::kFanOut;
     for (const auto& [id, borders] : parents)
-      for (std::size_t side = 0; side < 4; ++side) {
+      for (const Side side : kSides) {
         std::vector<BorderEdge> below;
         bool any = false;
-        const std::int32_t last = side % 2 == 0 ? 0 : kFanOut - 1;
-        for (std::int32_t k = 0; k < kFanOut; ++k) {
-          const TileId child{id.level - 1, kFanOut * id.x + (side < 2 ? last : k),
-                             kFanOut * id.y + (side < 2 ? k : last)};
-          const auto found = children.find(child);
-          if (found == children.end()) continue;
+        for (std::int32_t k = 0; k < TileGrid::kFanOut; ++k) {
+          const auto child = children.find(childAt(id, side, k));
+          if (child == children.end()) continue;
           any = true;
-          below.insert(below.end(), found->second[side].begin(), found->second[side].end());
+          below.insert(below.end(), child->second[side].begin(), child->second[side].end());
         }
         if (!any && borders[side].empty()) continue;
         const BorderMatch match = matchLevels(borders[side], std::move(below));
@@ -129,14 +237,32 @@ class Borders {
   }
 
  private:
-  void fault(const TileId& id, const BorderMatch& match, std::size_t side, const std::string& other) {
-    const std::array<double, 4> box = grid_.box(id);
-    const double plane = box[side == 0 ? 0 : side == 1 ? 2 : side == 2 ? 1 : 3];
-    const double along = match.place[0] * TileGrid::kLattice;
-    const std::string place = formatted("north %.3f east %.3f depth %.3f", side < 2 ? plane : along,
-                                        side < 2 ? along : plane, match.place[1] * TileGrid::kLattice);
+  // One side of a tile and the side of the neighbour that it is at.
+  void meet(const Level& level, const TileId& id, const TileBorders& borders, Side side, const TileId& beside,
+            Side its_side) {
+    const auto other = level.find(beside);
+    if (other == level.end()) {
+      check_.open_edges += borders[side].size();
+      return;
+    }
+    const BorderMatch match = matchNeighbours(borders[side], other->second[its_side], grid_.voxel);
+    check_.edges_between_tiles += match.equal;
+    check_.open_edges += match.open;
+    check_.cracks_between_tiles += match.cracks;
+    if (match.cracks > 0) fault(id, match, side, "and " + tilePath(beside, ""));
+  }
+
+  void fault(const TileId& id, const BorderMatch& match, Side side, const std::string& other) {
+    const auto [low_north, low_east, high_north, high_east] = grid_.box(id);
+    const double along = match.place[0] * TileGrid::kLattice, down = match.place[1] * TileGrid::kLattice;
+    double north = along, east = along;
+    if (side == kSouth) north = low_north;
+    if (side == kNorth) north = high_north;
+    if (side == kWest) east = low_east;
+    if (side == kEast) east = high_east;
     check_.faults.push_back(tilePath(id, "") + " " + other + ": " + std::to_string(match.cracks) +
-                            " edges do not meet, the first at " + place);
+                            " edges do not meet, the first at " +
+                            formatted("north %.3f east %.3f depth %.3f", north, east, down));
   }
 
   TileCheck& check_;

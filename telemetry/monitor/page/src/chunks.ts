@@ -1,5 +1,5 @@
 // Binary form of /api/map: the map in squares of 16 m, ready for the graphics card. The layout is described where it is
-// written, in telemetry/monitor/map/chunk_stream.hpp.
+// written, in telemetry/monitor/map/received_map.hpp.
 
 export const CHUNK_SIZE = 16; // [m]
 const UNITS_PER_METRE = 128;
