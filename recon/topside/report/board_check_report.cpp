@@ -107,7 +107,7 @@ std::vector<Fields> leftOutRecords(const BoardCheck& check,
 
 Fields checkFields(const BoardCheck& check, const BoardVerdict& verdict,
                    const std::vector<calibration::DroppedView>& dropped) {
-  web::Field::Json covariance;
+  web::ReportField::Json covariance;
   for (int i = 0; i < 3; ++i) covariance.push_back(web::jsonOf(check.covariance.row(i)));
   return {{"good", verdict.good},
           {"verdict", verdict.lines},

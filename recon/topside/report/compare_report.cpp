@@ -70,8 +70,8 @@ Fields offsetFields(const Comparison& c) {
   const compare::SurfaceRegistration& r = c.registration;
   const bool tilted = c.options.registration.tilt, open = r.directions_resolved == 1;
   const auto slope = [&](const char* key, const char* title, double value, double sigma) {
-    return tilted ? web::Field(key, value, title, web::plusMinus(1e3 * value, 1e3 * sigma, 3) + " mm/m")
-                  : web::Field(key, value);
+    return tilted ? web::ReportField(key, value, title, web::plusMinus(1e3 * value, 1e3 * sigma, 3) + " mm/m")
+                  : web::ReportField(key, value);
   };
   return {{"east_m", r.offset.shift.x(), "east", offsetText(r.offset.shift.x(), r.sigma.x())},
           {"north_m", r.offset.shift.y(), "north", offsetText(r.offset.shift.y(), r.sigma.y())},
@@ -80,9 +80,9 @@ Fields offsetFields(const Comparison& c) {
           {"north_sigma_m", r.sigma.y()},
           {"up_sigma_m", r.sigma.z()},
           {"horizontal_directions_told", r.directions_resolved},
-          open ? web::Field("open_bearing_deg", r.open_bearing * kDegreesPerRadian,
-                            "not resolved along bearing [deg]", 0)
-               : web::Field("open_bearing_deg", nullptr),
+          open ? web::ReportField("open_bearing_deg", r.open_bearing * kDegreesPerRadian,
+                                  "not resolved along bearing [deg]", 0)
+               : web::ReportField("open_bearing_deg", nullptr),
           {"at_limit", r.at_limit},
           slope("tilt_east", "slope to the east", r.offset.tilt.x(), r.tilt_sigma.x()),
           slope("tilt_north", "slope to the north", r.offset.tilt.y(), r.tilt_sigma.y()),

@@ -15,7 +15,7 @@ namespace fathom::topside {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using web::Field, web::Fields, web::Row;
+using web::ReportField, web::Fields, web::Row;
 
 const char* nameOf(surface::BlendMode mode) {
   constexpr std::array<const char*, 3> kNames = {"bands", "average", "unblended"};
@@ -72,7 +72,7 @@ Json configJson(const TopsideConfig& c) {
 
 Fields lightingFields(const lighting::LightingModel::Report& l) {
   const auto error = [](const char* key, double value, const char* title) {  // null: never tried
-    return value < 0 ? Field(key, nullptr, title, "-") : Field(key, value, title, 1, 100);
+    return value < 0 ? ReportField(key, nullptr, title, "-") : ReportField(key, value, title, 1, 100);
   };
   Fields attenuation;
   constexpr std::array<const char*, 3> kColours = {"red", "green", "blue"};
@@ -222,8 +222,8 @@ Fields runFields(const RunRecord& r) {
           {"rig", rigFields(r.rig)},
           {"stereo", stereoFields(r.fused->counts)},
           {"navigation", navigationFields(*r.navigation, images_alone)},
-          r.slam == nullptr ? Field("localisation", nullptr, "poses", "dead reckoning")
-                            : Field("localisation", slamFields(*r.slam)),
+          r.slam == nullptr ? ReportField("localisation", nullptr, "poses", "dead reckoning")
+                            : ReportField("localisation", slamFields(*r.slam)),
           {"fusion", Fields{{"triangles", r.fusion.triangles},
                             {"triangles_skipped", r.fusion.skipped_triangles},
                             {"voxel_updates", r.fusion.voxel_updates},

@@ -13,7 +13,7 @@
 namespace fathom::topside {
 namespace {
 
-using web::Field, web::Fields;
+using web::ReportField, web::Fields;
 using Json = nlohmann::ordered_json;
 
 constexpr const char* kAngles[] = {"roll", "pitch", "yaw"};
