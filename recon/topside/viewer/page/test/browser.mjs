@@ -77,8 +77,9 @@ await runTest(browserPath, async (browser) => {
   const eye = async () => (await data()).eye.split(',').map(Number);
   const high = (await eye())[1];
   for (let i = 0; i < 2; ++i) {
+    const before = (await data()).eye;
     await page.mouse.dblclick(cx, cy);
-    await until(page, () => document.body.dataset.flying === 'true');
+    await until(page, (from) => document.body.dataset.eye !== from, before);
     await rest();
   }
   assert.ok((await eye())[1] < high - 15, 'the camera came down');
@@ -210,8 +211,9 @@ await runTest(browserPath, async (browser) => {
   await page.selectOption('#limit', '64');
   await page.evaluate(() => window.fathom.model.setLimit(6_000_000));
   await until(page, () => document.body.dataset.flying === 'false' && Number(document.body.dataset.bytes) <= 6_000_000);
+  const above = (await data()).eye;
   await page.mouse.dblclick(cx, cy);
-  await until(page, () => document.body.dataset.flying === 'true');
+  await until(page, (from) => document.body.dataset.eye !== from, above);
   await page.waitForSelector('#badge:not([hidden])');
   await until(page, () => document.body.dataset.flying === 'false' && Number(document.body.dataset.visible) > 0 && Number(document.body.dataset.factor) > 1);
   shown = await data();
