@@ -83,9 +83,9 @@ std::optional<Eigen::Matrix3d> readColours(const std::filesystem::path& calibrat
   const std::filesystem::path path = coloursBeside(calibration);
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
-  constexpr std::size_t kNumbers = 9;
+  constexpr std::size_t kMatrixNumbers = 9;
   NumberFile in(path, "nine numbers, a 3 x 3 matrix row after row");
-  if (in.count() != kNumbers)
+  if (in.count() != kMatrixNumbers)
     throw InputError(path, "", "holds " + std::to_string(in.count()) + " numbers; a colour matrix has 9");
   Eigen::Matrix3d matrix;
   for (int row = 0; row < 3; ++row)

@@ -246,7 +246,7 @@ Summary runTopside(const std::filesystem::path& mission, const std::filesystem::
 }
 
 RunCheck checkRun(const RunPlaces& places, const TopsideConfig& config) {
-  constexpr std::size_t kLooked = 500, kTimed = 5;
+  constexpr std::size_t kLooked = 500, kTimedPairs = 5;
   const ThreadLimit limit(config);
   const MissionInput input = openMission(places.mission, places.input);
   sayAssumed(input);
@@ -275,8 +275,8 @@ RunCheck checkRun(const RunPlaces& places, const TopsideConfig& config) {
       good.push_back(k * step);
     else
       out.unreadable.push_back(faults[k]);
-  for (std::size_t k = 0; k < std::min(good.size(), kTimed); ++k)
-    timed.push_back(good[k * good.size() / kTimed]);
+  for (std::size_t k = 0; k < std::min(good.size(), kTimedPairs); ++k)
+    timed.push_back(good[k * good.size() / kTimedPairs]);
   if (!input.features_only)
     out.seconds = secondsToPrepare(input, config, survey, timed) * static_cast<double>(pairs.size()) /
                   (threadsOf(config) * weightOf(Stage::kPrepare));

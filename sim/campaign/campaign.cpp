@@ -102,7 +102,7 @@ std::vector<Perturbation> makePerturbations() {
   add("DVL noisier", "times", {3, 10, 30, 100}, kFeatures,
       [](Scenario& s, double v) { s.sensors.dvl.velocity_sigma_mps *= v; });
   add("USBL multipath", "m", {2, 8, 30, 200}, kFeatures, [](Scenario& s, double v) {
-    s.sensors.usbl.multipath = {{80, kAllDive, v, -0.5 * v}};
+    s.sensors.usbl.multipath = {UsblErrorBurst{{80, kAllDive}, v, -0.5 * v}};
   });
   add("ship's compass wanders", "deg", {1, 3, 10, 20}, kFeatures,
       [](Scenario& s, double v) { s.sensors.usbl.heading_wobble = degreesToRadians(v); });

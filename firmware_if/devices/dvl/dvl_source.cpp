@@ -27,11 +27,11 @@ std::unique_ptr<ByteStream> openDvl(const std::string& device) {
 }  // namespace
 
 void visitDvl(KeyVisitor& keys, DvlConfig& c) {
-  constexpr const char* kFormats[] = {"auto", "pd0", "pd4", "pd5", "pd6"};
+  constexpr const char* kDvlFormats[] = {"auto", "pd0", "pd4", "pd5", "pd6"};
   constexpr const char* kClocks[] = {"instrument", "arrival"};
   visitDeviceAddress(keys, "device", c.device, true,
                      "serial:DEVICE:BAUD, udp:HOST:PORT to listen on, or file:PATH; empty: no DVL");
-  keys.choiceOf("format", c.format, kFormats, "of the ensembles");
+  keys.choiceOf("format", c.format, kDvlFormats, "of the ensembles");
   keys.choiceOf(
       "clock", c.clock, kClocks,
       "the ensemble's stamp, followed against the vehicle's clock, or the arrival of its first byte");

@@ -230,8 +230,8 @@ bool RawAuvReader::parseLine(const std::string& line) {
   }
   const auto north = fields.get("target_x"), east = fields.get("target_y"), depth = fields.get("target_z");
   if (!north || !east || !depth) return false;
-  constexpr double kMaxDistance = 1e6;  // [m] from the origin; beyond, the local projection means nothing
-  if (std::abs(*north) > kMaxDistance || std::abs(*east) > kMaxDistance) return false;
+  constexpr double kFarthest = 1e6;  // [m] from the origin; beyond, the local projection means nothing
+  if (std::abs(*north) > kFarthest || std::abs(*east) > kFarthest) return false;
   constexpr double kRangeSigma = 0.2;                         // [m]
   constexpr double kBearingSigma = 0.25 / kDegreesPerRadian;  // [rad]
   const double slant_range = fields.distance("target_sr").value_or(std::abs(*depth));

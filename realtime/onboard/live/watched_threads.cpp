@@ -138,9 +138,9 @@ void WatchedThreads::look(std::int64_t now_ns, std::vector<std::string>& events)
 
 // One that has given signs of life meanwhile at once, else later each time.
 void WatchedThreads::startAgain(Worker& worker, std::int64_t now_ns, std::vector<std::string>& events) {
-  constexpr int kMostDoubled = 5;
+  constexpr int kMostLeft = 5;
   const std::uint64_t beats = watchdog_.heartbeat(worker.watched).beats();
-  worker.left_in_a_row = beats == worker.beats ? std::min(worker.left_in_a_row + 1, kMostDoubled) : 0;
+  worker.left_in_a_row = beats == worker.beats ? std::min(worker.left_in_a_row + 1, kMostLeft) : 0;
   worker.beats = beats;
   worker.next_start_ns = now_ns + (watchdog_.state(worker.watched).spec.limit_ns << worker.left_in_a_row);
   const std::string what = left(worker);

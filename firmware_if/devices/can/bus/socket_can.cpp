@@ -69,11 +69,11 @@ can_filter filterOf(std::uint32_t pgn) noexcept {
 }  // namespace
 
 std::string_view CanErrors::name(Kind kind) noexcept {
-  constexpr std::array<std::string_view, kKinds> kNames = {
+  constexpr std::array<std::string_view, kKinds> kErrorNames = {
       "tx_timeout",     "lost_arbitration",  "controller_overflow", "error_warning", "error_passive",
       "protocol_error", "transceiver_error", "no_acknowledge",      "bus_off",       "bus_error",
       "restarted"};
-  return kNames[kind];
+  return kErrorNames[kind];
 }
 
 void CanErrors::add(std::uint32_t classes, std::span<const std::uint8_t> data) noexcept {
