@@ -54,7 +54,7 @@ void visitLink(KeyVisitor& keys, LinkCoreConfig& c) {
   telemetry::BlockQueueConfig& b = s.blocks;
   keys.number("spacing_m", b.spacing, "m", 1.0 / 64, 16, "of nodes; root size / 16 over a power of two");
   keys.number("coarse_spacing_m", b.coarse_spacing, "m", b.spacing, 64, "of the coarse nodes");
-  const double max_error = b.max_error, max_wait = b.max_wait_s;
+  const double max_error = b.max_error;
   keys.number("max_error_m", b.max_error, "m", 0.005, 1, "of a node as received");
   if (b.max_error != max_error) b.update_error = 1.5 * b.max_error;
   keys.number("update_error_m", b.update_error, "m", b.max_error, 10,
@@ -63,7 +63,7 @@ void visitLink(KeyVisitor& keys, LinkCoreConfig& c) {
   keys.number("coarse_after_s", b.coarse_after_s, "s", 0, 3600, "areas that waited so long go coarse first");
   keys.number("settle_s", b.settle_s, "s", 0, 600,
               "a block still growing waits so long after its last change");
-  b.max_wait_s = std::max(max_wait, b.settle_s);
+  b.max_wait_s = std::max(b.max_wait_s, b.settle_s);
   keys.number("max_wait_s", b.max_wait_s, "s", b.settle_s, 3600, "and so long in all");
   keys.integer("max_squares", b.max_squares, 16, 65536, "squares of 16 x 16 nodes held, 4 kB each");
 }

@@ -225,17 +225,20 @@ const char* LcmBus::reason() const noexcept {
 
 void visitLcm(KeyVisitor& keys, LcmConfig& c) {
   keys.text("url", c.url, "LCM provider; empty: no LCM");
-  std::string accept;
-  for (std::size_t i = 0; i < kSampleWords.size(); ++i)
-    if (c.accept[i]) accept += (accept.empty() ? "" : " ") + std::string(kSampleWords[i]);
-  keys.text("accept", accept,
-            "words from dvl attitude depth usbl gps water battery progress gyro: taken from the bus");
+  std::string accept, known;
+  const auto add = [](std::string& words, std::string_view word) {
+    words += (words.empty() ? "" : " ") + std::string(word);
+  };
+  for (std::size_t i = 0; i < kSampleWords.size(); ++i) {
+    add(known, kSampleWords[i]);
+    if (c.accept[i]) add(accept, kSampleWords[i]);
+  }
+  keys.text("accept", accept, ("words from " + known + ": taken from the bus").c_str());
   c.accept.fill(false);
   std::istringstream words(accept);
   for (std::string word; words >> word;) {
     const auto found = std::find(kSampleWords.begin(), kSampleWords.end(), word);
-    keys.require(found != kSampleWords.end(), "accept",
-                 "'" + word + "' is none of dvl attitude depth usbl gps water battery progress gyro");
+    keys.require(found != kSampleWords.end(), "accept", "'" + word + "' is none of " + known);
     c.accept[static_cast<std::size_t>(found - kSampleWords.begin())] = true;
   }
   keys.number("max_age_s", c.max_age_s, "s", 0.1, 3600,

@@ -241,7 +241,7 @@ Fields runFields(const RunRecord& r) {
           {"content", r.content, "digest of all files but this report", r.content.substr(0, 16)},
           {"assumed", r.assumed},
           {"memory", Fields{{"peak_bytes", r.peak_bytes, "peak memory of the process",
-                             decimals(static_cast<double>(r.peak_bytes) / 1048576.0, 0) + " MiB"}}},
+                             decimals(mebibytes(r.peak_bytes), 0) + " MiB"}}},
           {"work_files_damaged", r.damaged, "work files found damaged and made again"},
           {"times", Fields{{"stages", stages}, {"per_pair_s", perPair(r)}, {"total_s", r.total_seconds}}},
           {"config", configJson(*r.config)}};
