@@ -16,11 +16,11 @@
 
 namespace fathom::io {
 
-// Where a device's samples and bytes go. Called on the thread that polls the device; never blocks.
+// Receives the samples and bytes of a device. Called on the thread that polls the device; never blocks.
 class SampleSink {
  public:
   virtual ~SampleSink() = default;
-  // `arrival_utc_ns`: when the last byte of it reached this machine.
+  // `arrival_utc_ns`: when the sample's last byte reached this machine.
   virtual void sample(std::int64_t arrival_utc_ns, const SensorSample& sample) noexcept = 0;
   // Bytes as they came, for the log: `source` is "RAW_DVL", "RAW_CAN"...; static storage.
   virtual void raw(std::int64_t arrival_utc_ns, std::string_view source,
@@ -31,14 +31,14 @@ class SampleSink {
 struct DeviceHealth {
   std::string_view name;          // "dvl", "can"...; static storage
   bool open = false;              // the device is there
-  ShortText<95> reason = {};      // why it is not, or what its last poll failed with; else empty
+  ShortText<95> reason = {};      // why the device is not open, or its last poll failed; else empty
   std::int64_t last_data_ns = 0;  // arrival of the newest good sample, UTC; 0: none yet
-  std::uint64_t samples = 0;      // good ones given out
-  std::uint64_t disconnects = 0;  // times that it went away
-  ShortList<std::pair<std::string_view, std::uint64_t>, 32> counters = {};  // every other, by name
-  [[nodiscard]] std::uint64_t counter(std::string_view of) const noexcept {
-    for (const auto& [known, value] : counters)
-      if (known == of) return value;
+  std::uint64_t samples = 0;      // valid ones delivered
+  std::uint64_t disconnects = 0;  // times that the device was lost
+  ShortList<std::pair<std::string_view, std::uint64_t>, 32> counters = {};  // of this device only, by name
+  [[nodiscard]] std::uint64_t counter(std::string_view name_of) const noexcept {
+    for (const auto& [key, value] : counters)
+      if (key == name_of) return value;
     return 0;
   }
 };
@@ -48,24 +48,25 @@ struct DeviceHealth {
 class SampleSource {
  public:
   virtual ~SampleSource() = default;
-  // Waits at most `timeout_ms` for the device, then hands everything that came to the sink. False, after the
-  // whole time, when the device is not there. Takes no memory once it has run. Exceptions of the libraries
-  // that it uses come out: PollFence is between it and the thread.
+  // Waits at most `timeout_ms` for the device, then hands everything that came to the sink. Returns
+  // false, after the whole timeout, if the device is not open. Allocates nothing after its first call. May
+  // throw exceptions of the libraries that it uses: call it through PollGuard.
   virtual bool poll(int timeout_ms, SampleSink& sink) = 0;
   // Closes the device; the next poll() opens it again. On the polling thread.
   virtual void close() noexcept {}
-  // Takes no memory. Only on the polling thread.
+  // Allocates nothing. Only on the polling thread.
   [[nodiscard]] virtual DeviceHealth health() const = 0;
 };
 
-// Stands between a device and the thread that polls it, a SampleSource or a CameraSource. An exception of
-// poll() (no memory, an error of a library) is counted and its text kept; the device is closed and polled
-// again after 1, 2, 4... 60 s. The thread never ends by it.
-class PollFence {
+// Calls poll() of a SampleSource or a CameraSource and catches its exceptions (no memory, an error of a
+// library), which never end the polling thread: each is counted and its text kept, and the device is closed
+// and polled again after 1, 2, 4... 60 s. A poll that returns false is no failure: the source itself opens
+// its device again.
+class PollGuard {
  public:
-  static constexpr std::int64_t kFirstRestNs = kSecond_ns, kLongestRestNs = 60 * kSecond_ns;
+  static constexpr std::int64_t kFirstWait_ns = kSecond_ns, kLongestWait_ns = 60 * kSecond_ns;
 
-  // One poll, or a rest of `timeout_ms` while the device is not to be asked.
+  // One poll, or a sleep of `timeout_ms` while the device waits to be polled again.
   template <class Device, class Sink>
   void poll(Device& device, int timeout_ms, Sink& sink, std::int64_t monotonic_ns) noexcept {
     if (!wait_.due(monotonic_ns)) {
@@ -86,18 +87,18 @@ class PollFence {
     device.close();
     wait_.failed(monotonic_ns);
   }
-  // Marks a device that rests as not there, with the reason.
+  // Marks a device whose last poll failed as not open, with the reason.
   void markFailure(DeviceHealth& health) const noexcept {
     if (reason_.empty()) return;
     health.open = false;
     health.reason = reason_;
   }
-  // What the last poll threw; empty when it did not.
+  // Text of the last poll's exception; empty if it threw none.
   [[nodiscard]] std::string_view reason() const noexcept { return reason_.view(); }
   [[nodiscard]] std::uint64_t failures() const noexcept { return failures_; }
 
  private:
-  rt::RetryWait wait_{kFirstRestNs, kLongestRestNs};
+  rt::RetryWait wait_{kFirstWait_ns, kLongestWait_ns};
   decltype(DeviceHealth::reason) reason_;
   std::uint64_t failures_ = 0;
 };

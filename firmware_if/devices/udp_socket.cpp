@@ -55,7 +55,8 @@ std::optional<std::size_t> UdpSocket::receive(std::span<std::uint8_t> buffer, Ud
   do {
     n = ::recvfrom(socket_.get(), buffer.data(), buffer.size(), 0, reinterpret_cast<sockaddr*>(&from),
                    &from_size);
-    // Refused: nobody received an earlier datagram of ours. Those that wait here are read all the same.
+    // ECONNREFUSED reports that an earlier datagram of ours found no receiver; received ones are still
+    // queued.
   } while (n < 0 && (errno == ECONNREFUSED || errno == EINTR));
   if (n < 0) return std::nullopt;
   sender = {from.sin_addr.s_addr, ntohs(from.sin_port)};

@@ -176,11 +176,11 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
   const auto begin = std::chrono::steady_clock::now();
 
   std::vector<NoteSamples> notes(devices.sources.size());
-  std::vector<PollFence> fences(devices.sources.size());
+  std::vector<PollGuard> guards(devices.sources.size());
   std::vector<std::thread> threads;
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     threads.emplace_back([&, i] {
-      while (more()) fences[i].poll(*devices.sources[i], kPollMs, notes[i], rt::RealClock().monotonicNs());
+      while (more()) guards[i].poll(*devices.sources[i], kPollMs, notes[i], rt::RealClock().monotonicNs());
     });
   }
   for (std::size_t side = 0; side < devices.cameras.size(); ++side) {
@@ -190,16 +190,16 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
     if (!gives.used) continue;
     threads.emplace_back([&] {
       NoteFrames sink(*camera.source, gives);
-      PollFence fence;
-      while (more()) fence.poll(*camera.source, kPollMs, sink, rt::RealClock().monotonicNs());
+      PollGuard guard;
+      while (more()) guard.poll(*camera.source, kPollMs, sink, rt::RealClock().monotonicNs());
       try {
         if (camera.identity) gives.identity = camera.identity();
       } catch (const std::exception& e) {
         gives.identity.failure = e.what();
       }
       gives.health = camera.source->health();
-      fence.markFailure(gives.health);
-      if (!fence.reason().empty()) gives.identity.failure = fence.reason();
+      guard.markFailure(gives.health);
+      if (!guard.reason().empty()) gives.identity.failure = guard.reason();
     });
   }
   facts.modem.used = devices.modem_used;
@@ -232,7 +232,7 @@ PrediveFacts watchDevices(PrediveDevices& devices, const std::function<bool()>& 
   facts.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   for (std::size_t i = 0; i < devices.sources.size(); ++i) {
     facts.sources.push_back(devices.sources[i]->health());
-    fences[i].markFailure(facts.sources.back());
+    guards[i].markFailure(facts.sources.back());
     merge(notes[i].table, facts.samples);
   }
   // A fix that came over LCM and one of the ship's frame are the same to the vehicle.

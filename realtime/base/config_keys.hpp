@@ -23,7 +23,8 @@ class KeyVisitor {
 
   virtual void enter(const char* table, const char* meaning) = 0;
   virtual void leave() = 0;
-  // The tables of [[key]]: takes their present count and gives the new one; enterItem() follows for each.
+  // Begins the tables of [[key]]: is given their present count and returns the new one; enterItem() and
+  // leaveItem() are called for each, then endList().
   virtual std::size_t beginList(const char* key, std::size_t count, const char* meaning) = 0;
   virtual void enterItem(std::size_t index) = 0;
   virtual void leaveItem() = 0;
@@ -31,7 +32,8 @@ class KeyVisitor {
 
   virtual void number(const char* key, double& value, const char* unit, double low, double high,
                       const char* meaning) = 0;
-  // `value` in rad; the file holds degrees, and so do the limits. `unit`: of the file.
+  // `value` in rad; the file holds degrees, and so do the limits. `unit`: the one that the file is documented
+  // with.
   virtual void angle(const char* key, double& value, const char* unit, double low_deg, double high_deg,
                      const char* meaning) = 0;
   virtual void integer(const char* key, std::int64_t& value, const char* unit, std::int64_t low,
@@ -50,10 +52,9 @@ class KeyVisitor {
   virtual void integers(const char* key, std::vector<int>& values, int low, int high,
                         const char* meaning) = 0;
 
-  // Whether values are being replaced by those of a file, so that what follows from others is set by this
-  // visit.
+  // True for readers: the visit must then set values that follow from others.
   [[nodiscard]] virtual bool reads() const { return false; }
-  // Unless `good`, a reader throws the InputError of this key of the present table.
+  // If `good` is false, a reader throws the InputError of this key of the present table; others ignore it.
   virtual void require(bool good, const char* key, const std::string& fix) const;
 
   // Overloads for other types of values.
@@ -81,7 +82,7 @@ class KeyVisitor {
   // Absent is 0 in the file.
   void optionalNumber(const char* key, std::optional<double>& value, const char* unit, double high,
                       const char* meaning);
-  // `value` counts in steps of the file's unit: bytes of MiB, ns of ms.
+  // `value` is the file's number times `step`: bytes for a file in MiB, ns for ms.
   template <std::integral T>
   void scaled(const char* key, T& value, std::int64_t step, const char* unit, std::int64_t low,
               std::int64_t high, const char* meaning) {
@@ -89,19 +90,20 @@ class KeyVisitor {
     integer(key, whole, unit, low, high, meaning);
     value = static_cast<T>(whole * step);
   }
-  // The same where the file has a number with a fraction.
+  // The same for a number with a fraction.
   void scaledNumber(const char* key, std::int64_t& value, std::int64_t step, const char* unit, double low,
                     double high, const char* meaning);
   void vector3(const char* key, std::array<double, 3>& value, const char* unit, double low, double high,
                const char* meaning) {
     numbers(key, value, unit, low, high, meaning);
   }
-  // Of a vector of Eigen.
+  // Overload for Eigen's vectors.
   template <typename Vector>
   void vector3(const char* key, Vector& value, const char* unit, double low, double high,
                const char* meaning) {
     numbers(key, std::span<double>(value.data(), 3), unit, low, high, meaning);
   }
+  // `value`: enumerators, or false and true, in the order of `names`.
   template <typename Enum>
   void choiceOf(const char* key, Enum& value, std::span<const char* const> names, const char* meaning) {
     auto index = static_cast<std::size_t>(value);
@@ -111,7 +113,8 @@ class KeyVisitor {
   // `value` is one of `names` itself.
   void choiceText(const char* key, std::string& value, std::span<const char* const> names,
                   const char* meaning);
-  // The tables of [[key]], at most `most`: visit(item) of each.
+  // The tables of [[key]]: visit(item) is called for each. A file's tables beyond `most` are refused by
+  // finish().
   template <typename Item, typename Visit>
   void listOf(const char* key, std::vector<Item>& items, std::size_t most, const char* meaning, Visit visit) {
     items.resize(std::min(beginList(key, items.size(), meaning), most));
@@ -122,7 +125,7 @@ class KeyVisitor {
     }
     endList();
   }
-  // The keys of a sub-table, by visit().
+  // A sub-table: its keys are visited by visit().
   template <typename Visit>
   void table(const char* key, const char* meaning, Visit visit) {
     enter(key, meaning);
@@ -136,7 +139,7 @@ class KeyVisitor {
 class ConfigReader final : public KeyVisitor {
  public:
   explicit ConfigReader(ConfigTable top) { tables_.push_back(std::move(top)); }
-  // Refuses keys that no visit asked for.
+  // Throws for a key that no visit asked for.
   void finish() const { tables_.front().finish(); }
 
   void enter(const char* table, const char*) override { tables_.push_back(top().table(table)); }
@@ -170,16 +173,16 @@ class ConfigReader final : public KeyVisitor {
   [[nodiscard]] const ConfigTable& top() const { return tables_.back(); }
 
   std::vector<ConfigTable> tables_;
-  std::vector<std::optional<std::vector<ConfigTable>>> lists_;  // absent: the file does not give it
+  std::vector<std::optional<std::vector<ConfigTable>>> lists_;  // nullopt: not in the file
 };
 
 // Lists every key that it visits.
 class ConfigListing final : public KeyVisitor {
  public:
-  // `defaults`: the listing of a configuration that nothing was set in, for the lines' "default".
+  // `defaults`: the listing of the default configuration, for the word "default" of each line.
   explicit ConfigListing(const ConfigListing* defaults = nullptr) : defaults_(defaults) {}
 
-  // As TOML: a line a key, with its value, unit, range, default and meaning. Reading it gives the same
+  // TOML of one line per key, with its value, unit, range, default and meaning. Reading it gives the same
   // configuration.
   [[nodiscard]] const std::string& toml() const { return toml_; }
   struct Row {

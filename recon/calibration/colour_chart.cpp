@@ -30,7 +30,8 @@ double column(int patch) {
   return patch % kChartColumns / (kChartColumns - 1.0) - 0.5;
 }
 double row(int patch) {
-  return patch / kChartColumns / (kChartRows - 1.0) - 0.5;
+  const int whole = patch / kChartColumns;
+  return whole / (kChartRows - 1.0) - 0.5;
 }
 
 // Factors on a view's samples: a gain for each channel, and light that varies over the chart.

@@ -13,35 +13,37 @@
 namespace fathom::calibration {
 namespace {
 
-constexpr double kLeastSigma = 1e-3;  // keeps exact matches from dividing by zero [px]
+constexpr double kLeastSigma = 1e-3;  // floor of sigma, for perfect matches [px]
 
-using Change = Eigen::Vector4d;  // rotation of the right camera [rad], its focal lengths' logarithm
+// Rotation of the right camera [rad], and logarithm of its focal lengths over the left one's.
+using Change = Eigen::Vector4d;
 
-// Signed distance of a match's right ray from the epipolar line of its left one when the rig has changed
-// [px]. Rays of the rig as it was calibrated.
+// Epipolar residual of a match after `change` was applied to the rig [px], signed; `rays` are those of the
+// rig as it was calibrated.
 double errorOf(const StereoRig& rig, const RayPair& rays, const Change& change) {
   Vector6d twist = Vector6d::Zero();
   twist.tail<3>() = -change.head<3>();
   const double half = std::exp(0.5 * change.w());
-  const auto longer = [](const Eigen::Vector3d& ray, double factor) -> Eigen::Vector3d {
+  const auto scaleFocal = [](const Eigen::Vector3d& ray, double factor) -> Eigen::Vector3d {
     return {ray.x() / factor, ray.y() / factor, ray.z()};
   };
   Eigen::Vector3d line =
-      rig.T_right_left.translation().cross(rig.T_right_left.rotation() * longer(rays.left, 1 / half));
+      rig.T_right_left.translation().cross(rig.T_right_left.rotation() * scaleFocal(rays.left, 1 / half));
   line /= line.head<2>().norm() * (line.y() < 0 ? -1.0 : 1.0);
-  const Eigen::Vector3d ray = SE3::exp(twist).matrix3() * longer(rays.right, half);
+  const Eigen::Vector3d ray = SE3::exp(twist).matrix3() * scaleFocal(rays.right, half);
   return rig.right.fy * line.dot(ray) / ray.z();
 }
 
-// Gauss-Newton by hand, because it runs on board, where replays keep its bits. Two loops: errors are so
-// nearly linear in a change that the inner one, of weights, needs no new derivatives.
+// Gauss-Newton of our own, because it runs on board, where a replay must give the same bits. The residuals
+// are almost linear in the change, so the inner loop over weights keeps the derivatives of the outer one.
 void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarCheck& out) {
   constexpr int kLinearised = 3, kWeighted = 8;
   constexpr double kStep = 1e-6, kEnough = 1e-8;  // [rad]
   // Standard deviations of a weak prior, for components that the matches do not determine.
-  constexpr double kTurned = 0.05, kLonger = 0.02;
-  const Change prior =
-      Change(1 / kTurned, 1 / kTurned, 1 / kTurned, 1 / kLonger).array().square();  // information
+  constexpr double kPriorRotation = 0.05, kPriorLogFocal = 0.02;  // [rad], [1]
+  const Change prior = Change(1 / kPriorRotation, 1 / kPriorRotation, 1 / kPriorRotation, 1 / kPriorLogFocal)
+                           .array()
+                           .square();  // information
   double sigma = std::max(out.sigma, kLeastSigma);
   Change change = Change::Zero();
   Eigen::Matrix4d information = prior.asDiagonal();
@@ -80,7 +82,7 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
   out.information = information;
 }
 
-constexpr std::size_t kFewest = 8;      // samples, or steps
+constexpr std::size_t kFewest = 8;      // samples of ranges, or steps of motion
 constexpr std::size_t kBlocks = 10;     // at most
 constexpr double kLeastScatter = 1e-4;  // [m]
 
@@ -93,8 +95,8 @@ double ratioOf(const Samples& samples) {
 }
 
 // (offset, scale) of the robust line. The DVL's ranges scatter: its four beams sample a rough seafloor,
-// stereo averages it. Therefore the DVL's range is regressed on stereo's, and the line inverted; regressed in
-// the opposite direction, the scatter would flatten it.
+// stereo averages it. Therefore the DVL's range is regressed on stereo's, and the line inverted; in the
+// opposite direction noise of the regressor would bias its slope towards zero.
 Eigen::Vector2d lineOf(const Samples& samples) {
   constexpr int kIterations = 30;
   Eigen::Vector2d line(0, 1 / ratioOf(samples));  // dvl = line(0) + line(1) * stereo
@@ -139,9 +141,10 @@ Eigen::VectorXd jackknife(const std::vector<Samples>& blocks, const auto& estima
   return ((n - 1) / n * squares).cwiseSqrt();
 }
 
-constexpr double kLeastRotation = 1e-6, kLeastMiddle = 1e-6;  // of the scatter [rad], [m]
-// Standard deviation of the weak prior of each axis; one known no better than half of it is reported as open.
-constexpr double kOpen = 0.15;  // [rad]
+constexpr double kLeastRotation = 1e-6, kLeastMiddle = 1e-6;  // floors of the residuals' sigmas [rad], [m]
+// Standard deviation of the weak prior of each axis; an axis whose sigma then exceeds half of it is reported
+// as unobservable.
+constexpr double kPriorSigma = 0.15;  // [rad]
 
 enum class Uses { kRotations, kMiddles, kBoth };
 
@@ -193,8 +196,8 @@ MountEstimate estimate(const std::vector<MotionStep>& steps, const SE3& assumed,
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     const Eigen::Matrix3d X = turn(out.rotation) * start;
     scatter = scatterOf(steps, X, place);
-    information = Eigen::Matrix3d::Identity() / (kOpen * kOpen);
-    Eigen::Vector3d gradient = out.rotation / (kOpen * kOpen);
+    information = Eigen::Matrix3d::Identity() / (kPriorSigma * kPriorSigma);
+    Eigen::Vector3d gradient = out.rotation / (kPriorSigma * kPriorSigma);
     for (const MotionStep& s : steps) {
       const Residuals r = residualsOf(s, X, place);
       Eigen::Matrix3d by_rotation, by_middle;
@@ -219,7 +222,7 @@ MountEstimate estimate(const std::vector<MotionStep>& steps, const SE3& assumed,
   out.known = true;
   out.sigma = information.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
   for (int i = 0; i < 3; ++i)
-    if (out.sigma(i) > 0.5 * kOpen) out.sigma(i) = std::numeric_limits<double>::infinity();
+    if (out.sigma(i) > 0.5 * kPriorSigma) out.sigma(i) = std::numeric_limits<double>::infinity();
   return out;
 }
 

@@ -250,12 +250,13 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
   // Features seen by both cameras alone are described.
   m.matched.clear();
   m.places.clear();
+  const int reach = m.config.stereo.refine_window / 2;
   for (const cv::KeyPoint& p : m.points) {
     if (m.matched.size() == wanted) break;
     const Eigen::Vector2d pixel = m.pixelOf(placeOf(p));
     StereoMatch found;
     if (!m.matcher.match(left, right, pixel, range, found)) continue;
-    if (right.mask != nullptr && right.mask->hides(found.right, m.config.stereo.refine_window / 2)) continue;
+    if (right.mask != nullptr && right.mask->hides(found.right, reach)) continue;
     const double size = static_cast<double>(p.size);
     const double sigma = m.shrink * (m.config.place_sigma + m.config.place_sigma_per_size * size);
     if (!addFeature(m.matcher, pixel, found, sigma, static_cast<float>(m.shrink * size), m.places)) continue;

@@ -15,23 +15,24 @@ namespace {
 
 constexpr std::uint32_t kTag = rt::stateTag("PLAC"), kVersion = 1;
 constexpr std::size_t kWords = std::size_t{1} << PlaceIndex::kWordBits;
-constexpr double kScore = 16;  // steps of a score in one bit of information
+constexpr double kScore = 16;  // units of a score in one bit of information
 
-// Signs of the hyperplanes. Values of a root-SIFT descriptor have different means, so that hyperplanes
-// through the origin leave most descriptors on one side. A texture and its mirror image are equally likely: a
-// value and its mirrored one, about the axis of the main gradient (rows to rows, turn to turn), have one
-// mean, and the sign of a sum of such differences falls evenly.
+// Coefficients of the hyperplanes, random signs. The values of a root-SIFT descriptor have different means,
+// so hyperplanes through the origin would leave most descriptors on one side. Two values that mirror each
+// other about the axis of the main gradient have the same mean, as a texture and its mirror image are equally
+// likely. Each hyperplane is a sum of differences of such pairs: its sign is balanced.
 std::vector<std::int16_t> planes(int bits) {
-  constexpr int kSide = 4, kTurns = 8;
+  constexpr int kSide = 4, kOrientations = 8;
   std::mt19937 random(20101);
   std::vector<std::int16_t> signs(static_cast<std::size_t>(bits) * kDescriptorBytes, 0);
   for (int bit = 0; bit < bits; ++bit) {
     std::int16_t* w = signs.data() + static_cast<std::ptrdiff_t>(bit) * kDescriptorBytes;
     for (int row = 0; row < kSide / 2; ++row)
       for (int column = 0; column < kSide; ++column)
-        for (int turn = 0; turn < kTurns; ++turn) {
-          const int here = (row * kSide + column) * kTurns + turn;
-          const int mirrored = ((kSide - 1 - row) * kSide + column) * kTurns + (kTurns - turn) % kTurns;
+        for (int o = 0; o < kOrientations; ++o) {
+          const int here = (row * kSide + column) * kOrientations + o;
+          const int mirrored =
+              ((kSide - 1 - row) * kSide + column) * kOrientations + (kOrientations - o) % kOrientations;
           const auto sign = static_cast<std::int16_t>((random() & 1U) != 0 ? 1 : -1);
           w[here] = sign;
           w[mirrored] = static_cast<std::int16_t>(-sign);
@@ -58,7 +59,7 @@ PlaceIndex::PlaceIndex(const PlaceIndexConfig& config)
   free_slots_.reserve(places);
   ids_.reserve(places);
   codes_.resize(features);
-  turns_.reserve(features);
+  probes_.reserve(features);
   scores_.resize(places);
   is_met_.resize(places);
   matched_.reserve(places);
@@ -80,7 +81,7 @@ void PlaceIndex::clear() {
 
 std::size_t PlaceIndex::memoryBytes() const {
   return blocks_.size() * sizeof(Block) + words_.size() * sizeof(Word) + 2 * kWords * sizeof(std::int32_t) +
-         planes_.size() * sizeof(std::int16_t) + codes_.size() * (sizeof(Code) + sizeof(Turn)) +
+         planes_.size() * sizeof(std::int16_t) + codes_.size() * (sizeof(Code) + sizeof(Probe)) +
          counts_.size() * (sizeof(std::uint16_t) + 3 * sizeof(std::int32_t) + sizeof(std::uint8_t) +
                            sizeof(Id) + sizeof(Place));
 }
@@ -113,8 +114,8 @@ void PlaceIndex::code(const std::uint8_t* descriptor, Code& code) const {
   std::copy_n(bits.begin(), kProbeBits, code.least_sure.begin());
 }
 
-// Blocks but the first of each list are full, so that all lists together never need more than there are.
-void PlaceIndex::put(Word word, Entry entry) {
+// Only the first block of a list may be partly filled, so the pool of blocks never runs out.
+void PlaceIndex::insertEntry(Word word, Entry entry) {
   std::int32_t& head = heads_[word];
   if (head < 0 || blocks_[static_cast<std::size_t>(head)].count == static_cast<int>(kBlockEntries)) {
     const std::int32_t block = free_block_;
@@ -129,8 +130,8 @@ void PlaceIndex::put(Word word, Entry entry) {
   ++lengths_[word];
 }
 
-// One entry of a slot; the list's last takes its place.
-void PlaceIndex::take(Word word, std::int32_t slot) {
+// Removes one entry of the slot; the list's last entry fills the gap.
+void PlaceIndex::eraseEntry(Word word, std::int32_t slot) {
   std::int32_t& head = heads_[word];
   for (std::int32_t at = head; at >= 0; at = blocks_[static_cast<std::size_t>(at)].next) {
     Block& block = blocks_[static_cast<std::size_t>(at)];
@@ -160,7 +161,7 @@ bool PlaceIndex::add(int id, const FrameFeatures& frame) {
   for (std::size_t i = 0; i < count; ++i) {
     code(frame.descriptor(i), codes_[i]);
     words[i] = codes_[i].word;
-    put(words[i], codes_[i].signature | static_cast<Entry>(slot));
+    insertEntry(words[i], codes_[i].signature | static_cast<Entry>(slot));
   }
   return true;
 }
@@ -171,25 +172,26 @@ void PlaceIndex::remove(int id) {
   if (at == ids_.end() || at->id != id) return;
   const auto slot = static_cast<std::size_t>(at->slot);
   const Word* words = words_.data() + slot * static_cast<std::size_t>(config_.features);
-  for (int i = 0; i < counts_[slot]; ++i) take(words[i], at->slot);
+  for (int i = 0; i < counts_[slot]; ++i) eraseEntry(words[i], at->slot);
   counts_[slot] = 0;
   free_slots_.push_back(at->slot);
   ids_.erase(at);
 }
 
 // The code's word with some of its least sure bits flipped.
-PlaceIndex::Word PlaceIndex::wordLike(const Code& code, unsigned flips) {
+PlaceIndex::Word PlaceIndex::probeWord(const Code& code, unsigned flips) {
   Word word = code.word;
   for (unsigned k = 0; k < kProbeBits; ++k)
     if ((flips >> k & 1U) != 0) word = static_cast<Word>(word ^ 1U << code.least_sure[k]);
   return word;
 }
 
-// Collects the slots matched by one feature, each once, and adds the match's worth to their scores.
+// Collects the slots matched by one feature, each once, and adds the match's information to their scores:
+// minus the logarithm of the share of all slots that match.
 void PlaceIndex::countMatches(const Code& code) {
   matched_.clear();
   for (unsigned flips = 0; flips < 1U << kProbeBits; ++flips) {
-    const Word word = wordLike(code, flips);
+    const Word word = probeWord(code, flips);
     for (std::int32_t at = heads_[word]; at >= 0; at = blocks_[static_cast<std::size_t>(at)].next) {
       const Block& block = blocks_[static_cast<std::size_t>(at)];
       for (int i = 0; i < block.count; ++i) {
@@ -212,31 +214,31 @@ void PlaceIndex::countMatches(const Code& code) {
 }
 
 std::span<const PlaceIndex::Place> PlaceIndex::query(const FrameFeatures& frame, std::size_t most,
-                                                     const std::function<bool(int id)>& wanted) {
+                                                     const std::function<bool(int id)>& accept) {
   best_.clear();
-  turns_.clear();
+  probes_.clear();
   const std::size_t count = featuresOf(frame);
   for (std::size_t i = 0; i < count; ++i) {
     Code& code = codes_[i];
     this->code(frame.descriptor(i), code);
-    Turn turn{0, static_cast<std::int32_t>(i)};
+    Probe probe{0, static_cast<std::int32_t>(i)};
     for (unsigned flips = 0; flips < 1U << kProbeBits; ++flips)
-      turn.length += lengths_[wordLike(code, flips)];
-    turns_.push_back(turn);
+      probe.length += lengths_[probeWord(code, flips)];
+    probes_.push_back(probe);
   }
-  std::sort(turns_.begin(), turns_.end(), [](const Turn& x, const Turn& y) {
+  std::sort(probes_.begin(), probes_.end(), [](const Probe& x, const Probe& y) {
     return std::tie(x.length, x.feature) < std::tie(y.length, y.feature);
   });
   std::fill(scores_.begin(), scores_.end(), 0);
   std::int64_t compared = 0;
-  for (const Turn& turn : turns_) {
-    compared += turn.length;
+  for (const Probe& probe : probes_) {
+    compared += probe.length;
     if (compared > config_.compared) break;
-    countMatches(codes_[static_cast<std::size_t>(turn.feature)]);
+    countMatches(codes_[static_cast<std::size_t>(probe.feature)]);
   }
   for (const Id& known : ids_) {
     const std::int32_t score = scores_[static_cast<std::size_t>(known.slot)];
-    if (score > 0 && wanted(known.id)) best_.push_back({known.id, score});
+    if (score > 0 && accept(known.id)) best_.push_back({known.id, score});
   }
   const std::size_t kept = std::min(most, best_.size());
   std::partial_sort(
@@ -245,7 +247,8 @@ std::span<const PlaceIndex::Place> PlaceIndex::query(const FrameFeatures& frame,
   return {best_.data(), kept};
 }
 
-// Each list in the order of its links, the newest block first.
+// Each list from its newest block to its oldest; load() reads it from the end, which restores the same
+// blocks.
 void PlaceIndex::save(rt::StateWriter& writer) const {
   writer.section(kTag, kVersion, [&] {
     writer.bounded(ids_, ids_.capacity());
@@ -291,11 +294,11 @@ bool PlaceIndex::load(rt::StateReader& reader) {
         for (std::size_t i = first; i < end && reader.ok(); ++i) {
           const auto slot = static_cast<std::size_t>(list[i] & kSlots);
           const bool good = slot < met.size() && met[slot] != 0 && counts_[slot] < config_.features;
-          reader.require(good, "a feature of no place");
+          reader.require(good, "a feature of a place that is not stored");
           if (!good) return;
           words_[slot * static_cast<std::size_t>(config_.features) + counts_[slot]++] =
               static_cast<Word>(word);
-          put(static_cast<Word>(word), list[i]);
+          insertEntry(static_cast<Word>(word), list[i]);
         }
         end = first;
       }
@@ -325,22 +328,22 @@ bool Agreement::join(const Claim& claim, const Odometry& odometry) {
 std::span<const Claim> Agreement::add(const Claim& claim, const Odometry& odometry) {
   agreed_.assign(1, claim);
   for (std::size_t i = waiting_.size(); i-- > 0;) (void)join(waiting_[i], odometry);
-  int wanted = 0;
-  bool many_a = false, many_b = false;
-  double baseline = 0, span_a = 0, span_b = 0;
+  int required = 0;
+  bool several_a = false, several_b = false;
+  double baseline = 0, extent_a = 0, extent_b = 0;
   for (const Claim& x : agreed_) {
-    wanted = std::max(wanted, x.wanted);
+    required = std::max(required, x.wanted);
     baseline = std::max(baseline, x.baseline);
     for (const Claim& y : agreed_) {
       if (&x == &y) break;
-      many_a = many_a || x.a != y.a;
-      many_b = many_b || x.b != y.b;
-      span_a = std::max(span_a, odometry(x.a, y.a).T_a_b.translation().norm());
-      span_b = std::max(span_b, odometry(x.b, y.b).T_a_b.translation().norm());
+      several_a = several_a || x.a != y.a;
+      several_b = several_b || x.b != y.b;
+      extent_a = std::max(extent_a, odometry(x.a, y.a).T_a_b.translation().norm());
+      extent_b = std::max(extent_b, odometry(x.b, y.b).T_a_b.translation().norm());
     }
   }
-  const bool spans = many_a && many_b && std::min(span_a, span_b) >= baseline;
-  if (static_cast<int>(agreed_.size()) < wanted || !spans) {
+  const bool independent = several_a && several_b && std::min(extent_a, extent_b) >= baseline;
+  if (static_cast<int>(agreed_.size()) < required || !independent) {
     if (waiting_.size() == kWaiting) {
       waiting_.erase(waiting_.begin());
       ++forgotten_;
@@ -366,7 +369,7 @@ RegistrationConfig recognitionRules() {
 
 bool fitsDownAndDepth(const SE3& T_nav_a, const SE3& T_nav_b, const SE3& T_a_b) {
   constexpr double kTilt = 0.1;   // between the two directions of down [rad]
-  constexpr double kDepth = 0.5;  // residual of the predicted tide between two visits [m]
+  constexpr double kDepth = 0.5;  // tolerance for errors of the predicted tide between two visits [m]
   const SE3 T_nav_b_found = T_nav_a * T_a_b;
   const Eigen::Vector3d found = T_nav_b_found.rotation().inverse() * Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d known = T_nav_b.rotation().inverse() * Eigen::Vector3d::UnitZ();
@@ -376,7 +379,7 @@ bool fitsDownAndDepth(const SE3& T_nav_a, const SE3& T_nav_b, const SE3& T_a_b) 
 
 Claim recognitionOf(int a, int b, const UncertainPose& found, int inliers, double radius) {
   constexpr int kWanted = 3;
-  constexpr double kBaseline = 0.5;  // radii: over less, both frames show the same objects
+  constexpr double kBaseline = 0.5;  // of the footprint's radius: over less, the frames are not independent
   return {a, b, found.T_a_b, found.covariance, inliers, kWanted, kBaseline * radius};
 }
 

@@ -87,17 +87,17 @@ class PlaceIndex {
     int id = 0;
     std::int32_t slot = 0;
   };
-  struct Turn {
+  struct Probe {
     std::int64_t length = 0;  // of the lists that a feature searches
     std::int32_t feature = 0;
   };
 
   [[nodiscard]] std::size_t featuresOf(const FrameFeatures& frame) const;
-  void put(Word word, Entry entry);
-  void take(Word word, std::int32_t slot);
+  void insertEntry(Word word, Entry entry);
+  void eraseEntry(Word word, std::int32_t slot);
   void clear();
   void code(const std::uint8_t* descriptor, Code& code) const;
-  [[nodiscard]] static Word wordLike(const Code& code, unsigned flips);
+  [[nodiscard]] static Word probeWord(const Code& code, unsigned flips);
   void countMatches(const Code& code);
 
   PlaceIndexConfig config_;
@@ -111,7 +111,7 @@ class PlaceIndex {
   std::vector<Id> ids_;  // rising
   // Scratch memory of a query.
   std::vector<Code> codes_;
-  std::vector<Turn> turns_;
+  std::vector<Probe> probes_;
   std::vector<std::int32_t> scores_;   // by slot
   std::vector<std::uint8_t> is_met_;   // by slot: matched by the present feature
   std::vector<std::int32_t> matched_;  // slots matched by the present feature

@@ -94,7 +94,7 @@ bool PatchAligner::take(const ImageView& image, const Eigen::Vector2d& centre, c
   Eigen::Vector2d gradient_mean = Eigen::Vector2d::Zero();
   for (int k = 0; k < values_; ++k) {
     const auto at = static_cast<std::size_t>(k);
-    const double x = k % side - half_, y = k / side - half_;
+    const int x = k % side - half_, y = k / side - half_;
     model_[at] = seen(x, y);
     gradient_[at] = 0.5 * Eigen::Vector2d(seen(x + 1, y) - seen(x - 1, y), seen(x, y + 1) - seen(x, y - 1));
     mean += model_[at] / values_;
@@ -134,7 +134,8 @@ bool PatchAligner::find(const ImageView& image, double most_shift, Eigen::Vector
     double seen_mean = 0;
     for (int k = 0; k < values_; ++k) {
       double& value = seen[static_cast<std::size_t>(k)];
-      value = sample(image, at.x() + k % side - half_, at.y() + k / side - half_);
+      const int column = k % side, row = k / side;
+      value = sample(image, at.x() + column - half_, at.y() + row - half_);
       seen_mean += value / values_;
     }
     double gain = 0;

@@ -278,7 +278,7 @@ constexpr double kMostCellsOfMap = 16e6;  // of the survey's map; coarser beyond
 
 // A frame in metres for a survey that is stored in degrees.
 PlaneFrame metricFrame(const SurfaceFile& survey) {
-  const PlaneFrame own = survey.frame();
+  PlaneFrame own = survey.frame();
   if (!isGeographic(own)) return own;
   const Box box = survey.bounds(own);
   return localFrame(

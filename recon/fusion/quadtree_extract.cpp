@@ -104,7 +104,8 @@ class NodeMeans {
       if (area >= 1) continue;
       CellReading cell = readCell(store_, key.level, store_.head(found, k));
       if (!cell.seen() || outvoted(cell, key, k, coarser)) continue;
-      add(cell, x0 + (k / kTileCells + 0.5) * step, y0 + (k % kTileCells + 0.5) * step,
+      const int row = k / kTileCells, column = k % kTileCells;
+      add(cell, x0 + (row + 0.5) * step, y0 + (column + 0.5) * step,
           static_cast<double>(1 - area) * step * step);
       area = 1;
     }

@@ -189,10 +189,18 @@ int slotOf(const std::string& name) {
   return -1;
 }
 
+// Values of a property of one element; a list's count that is no whole number is rounded down.
+std::uint64_t valuesOf(const Property& property, Source& in, Encoding encoding) {
+  constexpr double kMost = 4294967295.0;  // of any list: its count has 32 bits
+  if (!property.is_list) return 1;
+  const double count = in.scalar(property.count_type, encoding);
+  return count >= 1 ? static_cast<std::uint64_t>(std::min(count, kMost)) : 0;
+}
+
 void skipElementEntry(Source& in, const Element& element, Encoding encoding) {
   for (const Property& property : element.properties) {
-    double count = property.is_list ? in.scalar(property.count_type, encoding) : 1;
-    for (; count >= 1; --count) in.scalar(property.type, encoding);
+    for (std::uint64_t count = valuesOf(property, in, encoding); count > 0; --count)
+      in.scalar(property.type, encoding);
   }
 }
 
@@ -210,8 +218,7 @@ void readVertices(Source& in, const Element& element, Encoding encoding, Mesh& m
     double value[kSlots] = {};
     for (std::size_t p = 0; p < slots.size(); ++p) {
       const Property& property = element.properties[p];
-      double count = property.is_list ? in.scalar(property.count_type, encoding) : 1;
-      for (; count >= 1; --count) {
+      for (std::uint64_t count = valuesOf(property, in, encoding); count > 0; --count) {
         const double v = in.scalar(property.type, encoding);
         if (slots[p] < 0) continue;
         if (!std::isfinite(v)) in.fail("'" + property.name + "' is not finite");

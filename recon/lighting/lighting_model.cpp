@@ -14,18 +14,20 @@
 namespace fathom::lighting {
 namespace {
 
-constexpr int kMaxSide = 65535;        // [px]
-constexpr float kMinSigma = 0.002F;    // of full scale: half a level of 8 bits; less is quantisation
-constexpr float kMinContrast = 0.04F;  // sigma of mean: in thicker haze, gain would show noise alone
+constexpr int kMaxSide = 65535;      // [px]
+constexpr float kMinSigma = 0.002F;  // floor of the signal's sigma, of full scale: half a level of 8 bits
+constexpr float kMinContrast =
+    0.04F;  // floor of sigma over mean: in denser haze, gain would amplify noise alone
 constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 4;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
 }
 
-// Codes that turn each format into the wanted one; kCopy where it already is.
 constexpr int kCopy = -1;
 
+// `from_bayer`, `from_mono`, `from_rgb`: OpenCV's conversion from each format to the wanted one; kCopy where
+// it is the wanted one already.
 void convert(const ImageView& image, int from_bayer, int from_mono, int from_rgb, int out_channels,
              std::uint8_t* out) {
   if (image.empty() || image.bits != 8) return;
@@ -56,9 +58,9 @@ bool clipped(const ImageView& image, int x, int y, int columns, int rows, T limi
 }
 
 template <typename T>
-void greyWhere(const ImageView& raw, T limit, std::uint8_t* rgb) {
-  // Cells that take their colour from the same samples: one pixel of RGB, 2 x 2 of a mosaic; its samples
-  // reach one pixel farther.
+void neutraliseAbove(const ImageView& raw, T limit, std::uint8_t* rgb) {
+  // Cells of pixels that share samples: one pixel of RGB; 2 x 2 of a mosaic, whose samples also enter the
+  // pixels around by demosaicing.
   const bool mosaic = raw.format == PixelFormat::kBayerRggb;
   const int side = mosaic ? 2 : 1, reach = mosaic ? 1 : 0, samples = mosaic ? 2 : 3;
   for (int y = 0; y < raw.height; y += side) {
@@ -106,24 +108,24 @@ void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const Rang
                                   float brightness, int j, NodeRow& row) const {
   for (int i = 0; i < lattice.columns; ++i) {
     const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-    float path = 0;
+    float range_m = 0;
     if (kind == LightingKind::kRangeDependent && range != nullptr)
-      path = range->at(lattice.u(i), lattice.v(j));
-    const float position = path > 0 ? RangeBins::position(path) : 0;
-    // Images for matching keep the shading of slopes, which is texture.
-    const float lit = path > 0 && purpose == Purpose::kColour
-                          ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j)))
-                          : 1;
+      range_m = range->at(lattice.u(i), lattice.v(j));
+    const float position = range_m > 0 ? RangeBins::position(range_m) : 0;
+    // Images for matching keep the shading of slopes, which is useful texture.
+    const float shading = range_m > 0 && purpose == Purpose::kColour
+                              ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j)))
+                              : 1;
     for (std::size_t c = 0; c < channels.size(); ++c) {
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
       const bool linear = purpose == Purpose::kColour && !encoded();
       const Level& plain = kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n);
-      const Level level = path > 0 ? channel.atRange(n, position) : plain;
+      const Level level = range_m > 0 ? channel.atRange(n, position) : plain;
       if (!channel.known())
         out = {(linear ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       else
-        out = purpose == Purpose::kColour ? colour->correction(c, level, lit * brightness)
+        out = purpose == Purpose::kColour ? colour->correction(c, level, shading * brightness)
                                           : stretch(level, brightness);
     }
   }
@@ -133,7 +135,7 @@ template <Encoding kEncoding, typename T>
 void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range,
                                        float brightness, std::uint8_t* out) const {
   const LightingKind kind = used();
-  NodeRow above, below, here;
+  NodeRow above, below, between;
   int loaded = -1;
   for (int y = 0; y < height; ++y) {
     const float t =
@@ -147,22 +149,22 @@ void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, 
       nodeRow(purpose, kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
       loaded = j;
     }
-    const float down = t - static_cast<float>(j);
+    const float share = t - static_cast<float>(j);  // of the row below
     const std::size_t first = format == PixelFormat::kBayerRggb ? static_cast<std::size_t>(y % 2) * 2 : 0;
     const std::size_t in_row = format == PixelFormat::kBayerRggb ? 2 : channels.size();
     for (std::size_t c = first; c < first + in_row; ++c)
       for (std::size_t i = 0; i < static_cast<std::size_t>(lattice.columns); ++i) {
         const Correction a = above[c][i], b = below[c][i];
-        here[c][i] = {a.gain + down * (b.gain - a.gain), a.offset + down * (b.offset - a.offset)};
+        between[c][i] = {a.gain + share * (b.gain - a.gain), a.offset + share * (b.offset - a.offset)};
       }
     const T* in =
         static_cast<const T*>(image.data) + static_cast<std::size_t>(y) * (image.stride / sizeof(T));
     std::uint8_t* line =
         out + static_cast<std::size_t>(y) * static_cast<std::size_t>(width * samples_per_pixel);
     if (format == PixelFormat::kRgb)
-      correctRgbRow<kEncoding>(plan, in, {here[0].data(), here[1].data(), here[2].data()}, line);
+      correctRgbRow<kEncoding>(plan, in, {between[0].data(), between[1].data(), between[2].data()}, line);
     else
-      correctRow<kEncoding>(plan, in, here[first].data(), here[first + in_row - 1].data(), line);
+      correctRow<kEncoding>(plan, in, between[first].data(), between[first + in_row - 1].data(), line);
   }
 }
 
@@ -242,7 +244,7 @@ void LightingModel::colours(const ImageView& image, const RangeLattice& range, s
   correctColour(image, range, mosaic, exposure_s, gain);
   demosaicRgb(
       {mosaic, m.width, m.height, static_cast<std::size_t>(m.width * m.samples_per_pixel), m.format, 8}, rgb);
-  if (m.fits(image)) greyWhereClipped(image, m.config.saturated, rgb);
+  if (m.fits(image)) neutraliseClipped(image, m.config.saturated, rgb);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
@@ -303,13 +305,13 @@ void demosaicRgb(const ImageView& mosaic, std::uint8_t* out) {
   convert(mosaic, cv::COLOR_BayerRGGB2RGB, cv::COLOR_GRAY2RGB, kCopy, 3, out);
 }
 
-void greyWhereClipped(const ImageView& raw, double limit, std::uint8_t* rgb) {
+void neutraliseClipped(const ImageView& raw, double limit, std::uint8_t* rgb) {
   if (raw.empty() || raw.format == PixelFormat::kMono) return;
   const double level = std::ceil(limit * ((1 << raw.bits) - 1));
   if (raw.bits == 8)
-    greyWhere(raw, static_cast<std::uint8_t>(level), rgb);
+    neutraliseAbove(raw, static_cast<std::uint8_t>(level), rgb);
   else
-    greyWhere(raw, static_cast<std::uint16_t>(level), rgb);
+    neutraliseAbove(raw, static_cast<std::uint16_t>(level), rgb);
 }
 
 void demosaicMono(const ImageView& mosaic, std::uint8_t* out) {

@@ -120,7 +120,7 @@ void demosaicMono(const ImageView& mosaic, std::uint8_t* out);
 
 // Makes pixels of `rgb` grey where a sample of `raw` (the camera's image of the same size) reaches `limit` of
 // full scale in any channel.
-void greyWhereClipped(const ImageView& raw, double limit, std::uint8_t* rgb);
+void neutraliseClipped(const ImageView& raw, double limit, std::uint8_t* rgb);
 
 // Selects images of new ground to learn from: a vehicle that hovers would imprint its scene on the light's
 // pattern. An image is taken when its camera is farther than a fifth of its footprint from the last 64 that

@@ -161,7 +161,7 @@ PosePerturbation fromOwnFrame(const SE3& pose, const Vector6d& force) {
 
 Matrix6d ownFrame(const SE3& pose) {
   const Eigen::Matrix3d back = pose.matrix3().transpose();
-  const Eigen::Vector3d t = pose.translation();
+  const Eigen::Vector3d& t = pose.translation();
   Matrix6d a = Matrix6d::Zero();
   a.topLeftCorner<3, 3>() = a.bottomRightCorner<3, 3>() = back;
   a.topRightCorner<3, 3>() = -back * crossMatrix(t);

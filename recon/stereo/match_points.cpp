@@ -229,7 +229,7 @@ bool MatchPoints::begin(const ImageView& left, const ImageView& right, const See
 
 bool MatchPoints::showsGround(const SparseStereoConfig& limits, const Eigen::Vector2d& left,
                               const Eigen::Vector2d& right, StereoResult& result) const {
-  const double reach = limits.window / 2;
+  const int reach = limits.window / 2;
   const bool shown = (left_mask_ == nullptr || !left_mask_->hides(left, reach)) &&
                      (right_mask_ == nullptr || !right_mask_->hides(right, reach));
   if (!shown) ++result.rejected.no_track;

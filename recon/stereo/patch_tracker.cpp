@@ -129,13 +129,13 @@ bool PatchTracker::makeTemplate(const GrayLevel& level, const Eigen::Vector2d& a
 
 double PatchTracker::correlation(const GrayLevel& level, const Eigen::Vector2d& at) const {
   const Place place = placeOf(level, at);
-  Likeness likeness;
-  kernels_->likeness(shape_, place.origin, place.stride, place.fx, place.fy, template_.centre,
-                     template_.value.data(), likeness);
-  const double energy = static_cast<double>(likeness.square) -
-                        static_cast<double>(likeness.mean) * static_cast<double>(likeness.mean);
+  Correlation sums;
+  kernels_->correlate(shape_, place.origin, place.stride, place.fx, place.fy, template_.centre,
+                      template_.value.data(), sums);
+  const double energy =
+      static_cast<double>(sums.square) - static_cast<double>(sums.mean) * static_cast<double>(sums.mean);
   if (energy < kMinEnergy * kGain2) return 0.0;
-  return likeness.common / template_.scale_v / std::sqrt(energy * template_.energy);
+  return sums.cross / template_.scale_v / std::sqrt(energy * template_.energy);
 }
 
 Eigen::Vector2d PatchTracker::search(const GrayLevel& level, double scale,
@@ -152,9 +152,9 @@ Eigen::Vector2d PatchTracker::search(const GrayLevel& level, double scale,
     const double mean = sums[0], square = sums[1];
     const double energy = square - mean * mean / search_weight_sum_;
     if (sums[2] <= 0 || energy < kMinEnergy * search_weight_sum_) continue;
-    const double likeness = static_cast<double>(sums[2]) * sums[2] / energy;
-    if (likeness > best) {
-      best = likeness;
+    const double correlation = static_cast<double>(sums[2]) * sums[2] / energy;
+    if (correlation > best) {
+      best = correlation;
       found = p;
     }
   }

@@ -9,21 +9,25 @@
 namespace fathom::surface {
 namespace {
 
-// Margin by which occluders are enlarged [cells]: a pixel at their edge shows both surfaces, and poses shift
-// it by a few pixels.
+// Margin by which occluders are enlarged [cells]: pixels at an edge mix both surfaces, and errors of poses
+// displace edges by a few pixels.
 constexpr float kMargin = 1.0F;
 constexpr float kPatchEdge = 0.3F;  // [m]
 
 struct Member {
-  std::int32_t x = 0, y = 0;  // of the patch [kPatchEdge]
+  std::int32_t x = 0, y = 0;  // index of the patch, in units of kPatchEdge
   std::uint32_t mesh = 0, triangle = 0;
 };
 
-constexpr std::size_t kVoters = 3;  // fewer have no majority
-constexpr float kLimit = 0.30F;     // of a logarithm: 35 %, beyond what lamps and their correction leave
-constexpr float kSpread = 3.0F;     // times the median difference of all views at the place
-constexpr float kFringe = 0.12F;    // of a logarithm: the low band's tail around a contradicted place
-constexpr float kDark = 12.0F;      // grey levels added before the logarithm: noise of dark places is no vote
+constexpr std::size_t kLeastViews = 3;  // a majority needs so many
+// Difference of logarithms, 35 %, above what the lighting correction leaves.
+constexpr float kLimit = 0.30F;
+constexpr float kSpread = 3.0F;  // times the median difference of all views at the node
+// Difference of logarithms above which neighbours of an outlier are outliers too: the low band spreads its
+// colour.
+constexpr float kFringe = 0.12F;
+constexpr float kDark =
+    12.0F;  // grey levels added before the logarithm, so that noise of dark nodes stays small
 
 // log(v) for v >= 1, to 1e-4, the same on every processor.
 float logarithm(float v) {
@@ -60,6 +64,7 @@ Occluders::Occluders(const std::vector<const Mesh*>& meshes, const Eigen::Vector
   });
   triangles.reserve(members.size());
   std::vector<std::vector<std::uint32_t>> place;  // of a mesh's vertex in `vertices`, plus 1
+  place.reserve(meshes.size());
   for (const Mesh* mesh : meshes) place.emplace_back(mesh->vertices.size(), 0);
   for (std::size_t i = 0; i < members.size(); ++i) {
     if (i == 0 || members[i].x != members[i - 1].x || members[i].y != members[i - 1].y) {
@@ -129,25 +134,25 @@ void DepthBuffer::drawTriangle(const Vertex& a, const Vertex& b, const Vertex& c
   if (x0 > x1 || y0 > y1) return;
   const float area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
   if (area == 0) return;
-  // Barycentric coordinates of b and c, and from them inverse depth: all linear over the picture.
+  // Barycentric coordinates of b and c, and from them inverse depth: all affine in image coordinates.
   const float per_area = 1.0F / area;
   const float bx = (c.y - a.y) * per_area, by = (a.x - c.x) * per_area;
   const float cx = (a.y - b.y) * per_area, cy = (b.x - a.x) * per_area;
   const float gx = bx * (b.inverse - a.inverse) + cx * (c.inverse - a.inverse);
   const float gy = by * (b.inverse - a.inverse) + cy * (c.inverse - a.inverse);
-  const float farthest = std::min({a.inverse, b.inverse, c.inverse});
-  const float back = kMargin * (std::abs(gx) + std::abs(gy));
-  const float rim_b = -kMargin * (std::abs(bx) + std::abs(by)),
-              rim_c = -kMargin * (std::abs(cx) + std::abs(cy));
-  const float rim_a = 1 + kMargin * (std::abs(bx + cx) + std::abs(by + cy));
+  const float least_inverse = std::min({a.inverse, b.inverse, c.inverse});
+  const float inverse_margin = kMargin * (std::abs(gx) + std::abs(gy));
+  const float least_b = -kMargin * (std::abs(bx) + std::abs(by)),
+              least_c = -kMargin * (std::abs(cx) + std::abs(cy));
+  const float most_bc = 1 + kMargin * (std::abs(bx + cx) + std::abs(by + cy));
   for (int y = y0; y <= y1; ++y) {
     float* row = &nearest_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_)];
     const float dy = static_cast<float>(y) - a.y;
     for (int x = x0; x <= x1; ++x) {
       const float dx = static_cast<float>(x) - a.x;
       const float wb = bx * dx + by * dy, wc = cx * dx + cy * dy;
-      if (wb < rim_b || wc < rim_c || wb + wc > rim_a) continue;
-      row[x] = std::max(row[x], std::max(farthest, a.inverse + gx * dx + gy * dy - back));
+      if (wb < least_b || wc < least_c || wb + wc > most_bc) continue;
+      row[x] = std::max(row[x], std::max(least_inverse, a.inverse + gx * dx + gy * dy - inverse_margin));
     }
   }
 }
@@ -175,10 +180,10 @@ ViewVote::ViewVote(const ChartLattice& lattice, const std::vector<ActiveView>& v
     grids_.push_back({count(from.columns), count(from.rows), nodes_});
     nodes_ += static_cast<std::size_t>(grids_.back().columns) * static_cast<std::size_t>(grids_.back().rows);
   }
-  if (views_ < kVoters) return;
+  if (views_ < kLeastViews) return;
   sample(lattice, views, tolerance);
-  takeGains();
-  judge();
+  removeGains();
+  flagOutliers();
   if (outvoted_ > 0) spread();
 }
 
@@ -202,7 +207,7 @@ void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>
   }
   colour_.assign(3 * views_ * nodes_, 0.0F);
   seen_.assign(views_ * nodes_, 0);
-  out_.assign(views_ * nodes_, 0);
+  outlier_.assign(views_ * nodes_, 0);
   difference_.assign(views_ * nodes_, 0.0F);
   std::vector<float> pixels[5], band(4 * nodes_), unused(4 * nodes_), one(nodes_), zero(nodes_, 0.0F);
   for (auto& values : pixels) values.resize(nodes_);
@@ -230,8 +235,8 @@ void ViewVote::sample(const ChartLattice& lattice, const std::vector<ActiveView>
   }
 }
 
-void ViewVote::takeGains() {
-  std::vector<std::vector<float>> against(3 * views_);
+void ViewVote::removeGains() {
+  std::vector<std::vector<float>> deviations(3 * views_);
   std::vector<float> all;
   for (std::size_t i = 0; i < nodes_; ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
@@ -242,26 +247,26 @@ void ViewVote::takeGains() {
       const float median = medianOf(all);
       for (std::size_t view = 0; view < views_; ++view)
         if (seen_[view * nodes_ + i] != 0)
-          against[3 * view + c].push_back(colour_[3 * (view * nodes_ + i) + c] - median);
+          deviations[3 * view + c].push_back(colour_[3 * (view * nodes_ + i) + c] - median);
     }
   }
   for (std::size_t view = 0; view < views_; ++view) {
     for (std::size_t c = 0; c < 3; ++c) {
-      if (against[3 * view + c].empty()) continue;
-      const float gain = medianOf(against[3 * view + c]);
+      if (deviations[3 * view + c].empty()) continue;
+      const float gain = medianOf(deviations[3 * view + c]);
       for (std::size_t i = 0; i < nodes_; ++i) colour_[3 * (view * nodes_ + i) + c] -= gain;
     }
   }
 }
 
-void ViewVote::judge() {
+void ViewVote::flagOutliers() {
   std::vector<float> all;
   std::vector<std::size_t> voters;
   for (std::size_t i = 0; i < nodes_; ++i) {
     voters.clear();
     for (std::size_t view = 0; view < views_; ++view)
       if (seen_[view * nodes_ + i] != 0) voters.push_back(view * nodes_ + i);
-    if (voters.size() < kVoters) continue;
+    if (voters.size() < kLeastViews) continue;
     for (std::size_t c = 0; c < 3; ++c) {
       all.clear();
       for (const std::size_t at : voters) all.push_back(colour_[3 * at + c]);
@@ -274,7 +279,7 @@ void ViewVote::judge() {
     const float limit = std::max(kLimit, kSpread * medianOf(all));
     for (const std::size_t at : voters) {
       if (difference_[at] <= limit) continue;
-      out_[at] = 1;
+      outlier_[at] = 1;
       ++outvoted_;
     }
   }
@@ -292,7 +297,7 @@ void ViewVote::spread() {
       open.clear();
       for (int b = 0; b < grid.rows; ++b)
         for (int a = 0; a < grid.columns; ++a)
-          if (out_[place(a, b)] != 0) open.emplace_back(a, b);
+          if (outlier_[place(a, b)] != 0) open.emplace_back(a, b);
       const auto neighbours = [&](int a, int b, const auto& visit) {
         for (int v = std::max(0, b - 1); v <= std::min(grid.rows - 1, b + 1); ++v)
           for (int u = std::max(0, a - 1); u <= std::min(grid.columns - 1, a + 1); ++u) visit(u, v);
@@ -302,16 +307,16 @@ void ViewVote::spread() {
         open.pop_back();
         neighbours(a, b, [&](int u, int v) {
           const std::size_t at = place(u, v);
-          if (out_[at] != 0 || difference_[at] <= kFringe) return;
-          out_[at] = 1;
+          if (outlier_[at] != 0 || difference_[at] <= kFringe) return;
+          outlier_[at] = 1;
           open.emplace_back(u, v);
         });
       }
       std::vector<std::pair<int, int>> rim;
       for (int b = 0; b < grid.rows; ++b)
         for (int a = 0; a < grid.columns; ++a)
-          if (out_[place(a, b)] != 0) neighbours(a, b, [&](int u, int v) { rim.emplace_back(u, v); });
-      for (const auto& [a, b] : rim) out_[place(a, b)] = 1;
+          if (outlier_[place(a, b)] != 0) neighbours(a, b, [&](int u, int v) { rim.emplace_back(u, v); });
+      for (const auto& [a, b] : rim) outlier_[place(a, b)] = 1;
     }
   }
 }
@@ -321,7 +326,7 @@ void ViewVote::factors(std::size_t view, std::size_t chart, int j, int i0, int i
   const auto row = static_cast<std::size_t>(std::min(j / kStep, grid.rows - 1));
   const std::size_t below = std::min(row + 1, static_cast<std::size_t>(grid.rows) - 1);
   const float fy = static_cast<float>(j % kStep) / kStep;
-  const std::uint8_t* first = &out_[view * nodes_ + grid.first];
+  const std::uint8_t* first = &outlier_[view * nodes_ + grid.first];
   const std::uint8_t* top = first + row * static_cast<std::size_t>(grid.columns);
   const std::uint8_t* bottom = first + below * static_cast<std::size_t>(grid.columns);
   const auto at = [&](int a) {

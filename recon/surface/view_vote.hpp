@@ -83,15 +83,15 @@ class ViewVote {
     std::size_t first = 0;
   };
   void sample(const ChartLattice& lattice, const std::vector<ActiveView>& views, float tolerance);
-  void takeGains();
-  void judge();
+  void removeGains();
+  void flagOutliers();
   void spread();
 
   std::size_t views_ = 0, nodes_ = 0;
   std::vector<Grid> grids_;  // one a chart
   // A view's nodes one after another: logarithm of its low band (r, g, b), whether it sees the node.
   std::vector<float> colour_;
-  std::vector<std::uint8_t> seen_, out_;
+  std::vector<std::uint8_t> seen_, outlier_;
   std::vector<float> difference_;  // from the median view
   std::uint64_t outvoted_ = 0;
 };

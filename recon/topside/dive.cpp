@@ -13,15 +13,16 @@
 namespace fathom::topside {
 namespace {
 
-// Expected shares of a run's time, of a dive with images.
+// Expected share of a run's time of each stage, for a dive with images.
 constexpr std::array<double, kStages> kWeights = {0.01, 0.04, 0.40, 0.10, 0.01, 0.40, 0.04};
 
-// Of the vehicle over a plane that its camera sees, straight down [m]; 0: the plane is a wall.
+// Vertical altitude of the vehicle over the plane that its camera sees [m]; 0 if the plane is as steep as a
+// wall.
 double altitudeOver(const stereo::SeedPlane& plane, const SE3& T_nav_cam, const SE3& T_nav_body) {
-  constexpr double kLevel = 0.2;  // of the plane's normal, along the vertical
-  const double falls = plane.normal.dot(T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ());
-  const double above = T_nav_cam.translation().z() - T_nav_body.translation().z();
-  return falls > kLevel ? plane.distance / falls + above : 0;
+  constexpr double kLeastVertical = 0.2;  // component of the plane's normal
+  const double vertical = plane.normal.dot(T_nav_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ());
+  const double camera_below_body = T_nav_cam.translation().z() - T_nav_body.translation().z();
+  return vertical > kLeastVertical ? plane.distance / vertical + camera_below_body : 0;
 }
 
 void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Rejected& one) {
@@ -33,7 +34,7 @@ void add(stereo::StereoResult::Rejected& sum, const stereo::StereoResult::Reject
   sum.fish += one.fish;
 }
 
-// Those with colours; where none has, the left one.
+// Numbers of the cameras with colours; if none has, of the left camera.
 std::vector<std::size_t> camerasOfTexture(const MissionInput& input) {
   std::vector<std::size_t> out;
   for (std::size_t number = 0; number < input.cameras(); ++number)
@@ -111,7 +112,7 @@ void Dive::run(Stage stage, const std::string& name, std::vector<StageTask> task
       if (!store_.open(name, task.item, task.key)) missing(stage);
     return;
   }
-  // Tiles of a piece are made in parallel from the same images: few pieces at once keep these in memory.
+  // A piece's tiles are made in parallel from the same images, which stay in memory: few pieces at once.
   constexpr std::size_t kThreadsOfPiece = 4;
   const std::size_t threads = threadsAllowed();
   const std::size_t at_once =
@@ -136,7 +137,7 @@ const Survey& Dive::survey() {
   survey_ = loadBlock<Survey>(file, "survey");
   survey_content_ = file.content();
   if (input_.control) {
-    // What is wrong is said early.
+    // Checked here already, before the long stages.
     if (!localises(input_, config_))
       throw InputError(input_.control->folder.string(), "",
                        "holds control points, which are of no use with --no-slam: leave one of them out");
@@ -163,11 +164,11 @@ const LightingModels& Dive::lighting() {
       learnLighting(input_, config_, dive, *learnt);
       const RigFinding found = find(*learnt);
       if (found.moved) {
-        // Ranges, which light is learnt by, were those of a rig that stood otherwise.
-        MissionInput turned = input_;
-        turned.rig = rigAsFound(input_.rig, found);
-        learnt = std::make_unique<LightingModels>(turned, config_.lighting);
-        learnLighting(turned, config_, dive, *learnt);
+        // The light was learnt with ranges of the uncorrected rig.
+        MissionInput corrected = input_;
+        corrected.rig = rigAsFound(input_.rig, found);
+        learnt = std::make_unique<LightingModels>(corrected, config_.lighting);
+        learnLighting(corrected, config_, dive, *learnt);
       }
       saveLighting(out, *learnt);
       saveBlock(out, "rig", found);
@@ -227,7 +228,7 @@ const SlamResult* Dive::localised() {
     slam_ = loadSlam(file);
     slam_->seconds = store_.costs(nameOf(Stage::kLocalise))["all"];
     poses.add(file.content());
-    grow(slam_->control.scale);
+    applyScale(slam_->control.scale);
   }
   poses_content_ = poses.finish();
   localised_ = true;
@@ -235,8 +236,8 @@ const SlamResult* Dive::localised() {
   return slam_ ? &*slam_ : nullptr;
 }
 
-// Control points found all that images measured to be so many times as large.
-void Dive::grow(double scale) {
+// Applies the scale that control points gave to all that images have measured.
+void Dive::applyScale(double scale) {
   input_.rig = grown(input_.rig, scale);
   for (ColourCamera& camera : input_.colour_cameras) camera.T_cam_left = grown(camera.T_cam_left, scale);
   prepared_->setScale(scale);
@@ -275,7 +276,7 @@ const ModelPlan& Dive::plan() {
   for (const std::size_t number : cameras) {
     TextureCamera one{number, input_.camera(number), input_.T_cam_left(number).inverse(),
                       config_.model.blend.bands};
-    // Texels larger than pixels are made from images reduced as much.
+    // Texels larger than pixels are made from images downsampled by that ratio.
     one.bands.reduction = std::max(1, static_cast<int>(plan_->texel / pixelOf(number)));
     one.camera = one.camera.scaled(1.0 / one.bands.reduction);
     texture_cameras_.push_back(std::move(one));

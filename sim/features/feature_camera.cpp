@@ -161,9 +161,10 @@ struct FeatureCamera::Impl {
         landmarks(t.config(), c, static_cast<double>(r.left.width) * r.left.height, smallest_px) {
     Random random(seed, "shared-feature-errors");
     for (double& u : shared) u = random.gauss();
-    for (int k = 0; k < kProbes * kProbes; ++k)
-      probes.push_back(rig.left.ray({(k % kProbes) * (rig.left.width - 1.0) / (kProbes - 1),
-                                     (k / kProbes) * (rig.left.height - 1.0) / (kProbes - 1)}));
+    for (int row = 0; row < kProbes; ++row)
+      for (int column = 0; column < kProbes; ++column)
+        probes.push_back(rig.left.ray({column * (rig.left.width - 1.0) / (kProbes - 1),
+                                       row * (rig.left.height - 1.0) / (kProbes - 1)}));
     for (const Eigen::Vector3d& ray : probes) widest = std::max(widest, ray.head<2>().norm());
   }
 

@@ -34,7 +34,7 @@ const std::set<std::string> kMeasured = {"timing.json", "live.json"};
 
 nlohmann::json readJson(const std::filesystem::path& path) {
   std::ifstream file(path);
-  const nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
+  nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
   if (!file || json.is_discarded())
     throw InputError(path.string(), "", "cannot be read; give the folder of a complete bench run");
   return json;

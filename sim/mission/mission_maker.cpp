@@ -252,7 +252,7 @@ void setExposures(const Renderer& renderer, const Scenario& scenario, const Sens
 // Pose of the body with the vibration of pumps and thrusters.
 SE3 vibratingPose(const Scenario& scenario, const SensorWorld& world, std::size_t pair, double time_s) {
   const OpticsConfig& optics = scenario.optics;
-  const SE3 pose = world.trajectory.poseAt(time_s);
+  SE3 pose = world.trajectory.poseAt(time_s);
   if (optics.vibration_rad <= 0) return pose;
   Random random(static_cast<std::uint64_t>(scenario.seed), "vibration-" + std::to_string(pair));
   Vector6d twist = Vector6d::Zero();

@@ -171,8 +171,9 @@ cv::Mat shadeMesh(const Mesh& mesh, const MeshView& view, const PictureOptions& 
     for (int x = 0; x < options.width; ++x) {
       Eigen::Array3f sum = Eigen::Array3f::Zero();
       for (int k = 0; k < kSide * kSide; ++k) {
-        const Eigen::Vector2f pixel(static_cast<float>(x) + (static_cast<float>(k % kSide) + 0.5F) / kSide,
-                                    static_cast<float>(y) + (static_cast<float>(k / kSide) + 0.5F) / kSide);
+        const int column = k % kSide, row = k / kSide;
+        const Eigen::Vector2f pixel(static_cast<float>(x) + (static_cast<float>(column) + 0.5F) / kSide,
+                                    static_cast<float>(y) + (static_cast<float>(row) + 0.5F) / kSide);
         sum += shade(pixel, hash64(static_cast<std::uint64_t>((y * options.width + x) * kSide * kSide + k)));
       }
       sum /= kSide * kSide;

@@ -281,7 +281,10 @@ void writeColourMap(const std::filesystem::path& file, const ColourScore& score)
   // The error's scale, below its panel.
   const int left = 2 * (panel_width + kGap), top = kTitle + scale * height + 6;
   cv::Mat ramp(10, 120, CV_8UC1), coloured;
-  for (int x = 0; x < ramp.cols; ++x) ramp.col(x).setTo(255 * x / (ramp.cols - 1));
+  for (int x = 0; x < ramp.cols; ++x) {
+    const int grey = 255 * x / (ramp.cols - 1);
+    ramp.col(x).setTo(grey);
+  }
   cv::applyColorMap(ramp, coloured, cv::COLORMAP_INFERNO);
   coloured.copyTo(page(cv::Rect(left + 16, top, ramp.cols, ramp.rows)));
   cv::putText(page, "0", {left + 2, top + 10}, cv::FONT_HERSHEY_SIMPLEX, 0.4, {}, 1, cv::LINE_AA);

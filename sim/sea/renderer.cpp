@@ -22,13 +22,13 @@
 namespace fathom::sim {
 namespace {
 
-// Moving objects farther than this from the camera are left out of its picture [m].
+// Moving objects farther than this from the camera are not rendered [m].
 constexpr float kMovingRadius = 9.0F;
 
-// Relative second difference of the inverse range that makes a pixel an edge (it is zero on a plane).
+// Relative second difference of the inverse range that makes a pixel an edge (it is small on a plane).
 constexpr float kEdgeBend = 0.004F;
 
-// Offsets of the rays of an edge pixel from its centre [px]: rotated grids of 4 and of 8.
+// Offsets of the rays of an edge pixel from its centre [px]: patterns of 4 and of 8 on rotated grids.
 constexpr float kSamples4[4][2] = {
     {-0.125F, -0.375F}, {0.375F, -0.125F}, {0.125F, 0.375F}, {-0.375F, 0.125F}};
 constexpr float kSamples8[8][2] = {{0.0625F, -0.1875F},  {-0.0625F, 0.1875F}, {0.3125F, 0.0625F},
@@ -51,7 +51,7 @@ struct CameraView {
   SE3 T_body_cam;
   PixelFormat format;
   CameraRays rays;
-  Light light;                    // without disturbances
+  Light light;                    // nominal, without perturbations of one image
   std::vector<float> vignetting;  // of each pixel
 };
 
@@ -70,7 +70,7 @@ void forTiles(int width, int height, const Work& work) {
   });
 }
 
-// An image before the sensor.
+// Radiance of an image, before the sensor's effects.
 struct RadianceImage {
   RadianceImage(int w, int h, std::size_t count)
       : width(w),
@@ -86,7 +86,7 @@ struct RadianceImage {
   std::size_t channels;              // 1 or 3, interleaved
   std::vector<float> radiance;       // of each channel
   std::vector<float> inverse_range;  // of the surface [1/m]
-  std::vector<std::uint8_t> lit;     // bit s: strobe s shines on the surface
+  std::vector<std::uint8_t> lit;     // bit s: strobe s lights the surface; 8 strobes at most
 };
 
 }  // namespace
@@ -108,7 +108,7 @@ struct Renderer::Impl {
         sensor(o.sensor),
         views{makeView(rig.left, T_body_cam, o.sensor.left_format),
               makeView(rig.right, T_body_cam * rig.T_right_left.inverse(), o.sensor.right_format)} {
-    const float reference = levelAt(o.sensor.exposure_distance_m);
+    const float reference = whiteRadianceAt(o.sensor.exposure_distance_m);
     if (!(reference > 0))
       throw std::invalid_argument(
           "optics: no strobe lights the point at sensor.exposure_distance_m under the camera");
@@ -131,8 +131,8 @@ struct Renderer::Impl {
                               (q[0] + q[1] + q[2]));
   }
 
-  // Mono radiance of white level ground at this distance below the left camera.
-  [[nodiscard]] float levelAt(double distance_m) const {
+  // Mono radiance of white horizontal ground at this distance below the left camera.
+  [[nodiscard]] float whiteRadianceAt(double distance_m) const {
     const CameraView& view = views[0];
     const Eigen::Vector3d axis = view.T_body_cam.rotation() * Eigen::Vector3d::UnitZ();
     const Eigen::Vector3d point = view.T_body_cam.translation() + distance_m * axis;
@@ -140,9 +140,10 @@ struct Renderer::Impl {
     for (std::size_t s = 0; s < optics.strobes.size(); ++s) {
       const StrobeIncidence shine(optics.strobes[s], view.light.beams[s], point);
       const double d = shine.distance, cosine = std::max(0.0, shine.from.dot(axis) / d);
-      const Radiance left = view.light.attenuation(static_cast<float>(d + distance_m));
+      const Radiance transmission = view.light.attenuation(static_cast<float>(d + distance_m));
       for (std::size_t c = 0; c < 3; ++c)
-        radiance[c] += static_cast<float>(shine.intensity * cosine / (d * d) / std::numbers::pi) * left[c];
+        radiance[c] +=
+            static_cast<float>(shine.intensity * cosine / (d * d) / std::numbers::pi) * transmission[c];
     }
     return mono(radiance);
   }
@@ -277,9 +278,9 @@ std::vector<float> Renderer::Impl::electrons(const SE3& T_nav_body, double time_
   const bool undisturbed =
       conditions.turbidity == 1 &&
       std::all_of(conditions.flashes.begin(), conditions.flashes.end(), [](double f) { return f == 1; });
-  std::optional<Light> own;
-  if (!undisturbed) own.emplace(lamps, view.camera, view.T_body_cam);
-  const Light& light = own ? *own : view.light;
+  std::optional<Light> perturbed;
+  if (!undisturbed) perturbed.emplace(lamps, view.camera, view.T_body_cam);
+  const Light& light = perturbed ? *perturbed : view.light;
   const Daylight daylight(optics.daylight, optics.water, conditions.turbidity, time_s);
   const SurfaceScene& bed = terrain.surface();
   const SE3 T_local_body(T_nav_body.rotation(), T_nav_body.translation() - bed.origin());
@@ -363,8 +364,8 @@ void Renderer::renderElectrons(const SE3& T_nav_body, double time_s, CameraSide 
 }
 
 double Renderer::exposureFactor(double distance_m) const {
-  const double level = static_cast<double>(impl_->levelAt(distance_m));
-  return static_cast<double>(impl_->levelAt(impl_->optics.sensor.exposure_distance_m)) /
+  const double level = static_cast<double>(impl_->whiteRadianceAt(distance_m));
+  return static_cast<double>(impl_->whiteRadianceAt(impl_->optics.sensor.exposure_distance_m)) /
          std::max(level, 1e-9);
 }
 

@@ -25,6 +25,7 @@ void simulateUsbl(const SensorWorld& world, const UsblConfig& config, LoggedSamp
   const SmoothNoise wobble(compass, config.heading_wobble, 60.0, 600.0);
   const double begin = compass.uniform(0.0, 2.0 * std::numbers::pi);
   // The transponder receives no pings while the vehicle floats.
+  // NOLINTNEXTLINE(clang-analyzer-security.FloatLoopCounter): a time, not a count
   for (double time = world.trajectory.diveBegin() + config.period_s; time < world.trajectory.surfaced();
        time += config.period_s) {
     const double lap = begin + 2.0 * std::numbers::pi * time / config.ship_lap_s;

@@ -67,7 +67,8 @@ class Guidance {
     const SurveyPath::Point p = path_.at(arc_);
     const Eigen::Vector2d ahead(std::cos(p.heading), std::sin(p.heading));
     double shallowest = seafloor_(p.position.x(), p.position.y());
-    for (double d = kLookStep; d <= config_.look_ahead_m; d += kLookStep) {
+    for (int step = 1; step * kLookStep <= config_.look_ahead_m; ++step) {
+      const double d = step * kLookStep;
       const Eigen::Vector2d place =
           path_.at(arc_ + d).turning ? path_.at(arc_ + d).position : Eigen::Vector2d(p.position + d * ahead);
       shallowest = std::min(shallowest, seafloor_(place.x(), place.y()));

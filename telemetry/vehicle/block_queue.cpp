@@ -73,18 +73,18 @@ BlockQueue::BlockQueue(const BlockQueueConfig& config)
 // were withdrawn.
 void BlockQueue::remember(const Square& s) {
   Remembered r{s.spacing, s.north, s.east, 0, {}};
-  bool unsent = false, unsure = false;
+  bool unsent = false, unacknowledged = false;
   for (std::size_t k = 0; k < s.blocks.size(); ++k) {
     const Block& b = s.blocks[k];
     const bool delivered = b.state == State::kDelivered;
     unsent = unsent || b.wanted;
-    unsure = unsure || b.state == State::kInFlight;
+    unacknowledged = unacknowledged || b.state == State::kInFlight;
     // A ship that has lost the withdrawal may still receive an older frame of the block.
     if (b.last == 0 || (delivered && b.held_seen == 0 && b.has < oldest_)) continue;
     r.version[k] = delivered ? b.has : b.last;
     if (delivered) r.has = static_cast<std::uint16_t>(r.has | 1U << k);
   }
-  if (on_evicted_ && (unsent || unsure)) on_evicted_({s.spacing, s.north, s.east}, !unsent);
+  if (on_evicted_ && (unsent || unacknowledged)) on_evicted_({s.spacing, s.north, s.east}, !unsent);
   if (r.version == decltype(r.version){}) return;
   if (remembered_.size() == remembered_.capacity()) {
     ++counters_.forgotten;
@@ -101,7 +101,7 @@ void BlockQueue::recall(Square& s) {
     if (found->version[k] == 0) continue;
     Block& b = s.blocks[k];
     b.first = b.last = found->version[k];
-    mayShowAnything(b);
+    markUnknown(b);
   }
   remembered_.erase(found);
 }
@@ -313,15 +313,15 @@ void BlockQueue::settle(Remembered& r, const Holds& holds, Version oldest) {
 void BlockQueue::noteUnknownFrames() {
   for (Square& s : squares_)
     for (Block& b : s.blocks)
-      if (s.used && b.wanted) mayShowAnything(b);
+      if (s.used && b.wanted) markUnknown(b);
 }
 
-void BlockQueue::mayShowAnything(Block& b) {
+void BlockQueue::markUnknown(Block& b) {
   b.held_seen = MapBlock::kWhole;
   b.held.fill(std::numeric_limits<float>::quiet_NaN());
 }
 
-bool BlockQueue::doubt() {
+bool BlockQueue::expireOldest() {
   std::int64_t first = std::numeric_limits<std::int64_t>::max();
   const auto flies = [](const Square& s, const Block& b) { return s.used && b.state == State::kInFlight; };
   for (const Square& s : squares_)

@@ -18,15 +18,15 @@
 
 namespace fathom::telemetry {
 
-inline constexpr int kBlocksASide = 4;  // of a square of 16 x 16 nodes
+inline constexpr int kBlocksASide = 4;  // blocks per side of a square of 16 x 16 nodes
 
-// Quotient rounded down: the square that holds a block, or the coarse block over a fine one.
+// Floor division: the index of the square that holds a block, or of the coarse block over a fine one.
 [[nodiscard]] constexpr std::int32_t floorDiv(std::int32_t a, std::int32_t b) {
   return a / b - (a % b != 0 && (a < 0) != (b < 0) ? 1 : 0);
 }
 
-// Finds a square's slot by its lattice and place: open addressing in a table sized once for `capacity`
-// entries, at most half full.
+// Finds a square's slot by its lattice's spacing and its index north and east: open addressing in a table
+// that is sized once and at most half full with the `capacity` entries that the caller keeps to.
 class SquareIndex {
  public:
   explicit SquareIndex(std::size_t capacity) {
@@ -73,15 +73,15 @@ inline void requireBounds(bool good, const char* what) {
 }
 
 struct BlockQueueConfig {
-  int max_squares = 1024;       // pool
-  double spacing = 0.25;        // of the lattice that every area gets [m]
-  double coarse_spacing = 1;    // of blocks sent first where fine ones are late; equal: none [m]
-  double max_error = 0.05;      // of a node as decoded [m]
-  double update_error = 0.075;  // a node further than this from the ship's is sent again [m]
-  double min_coverage = 0.05;   // nodes seen less than this are not sent
-  double settle_s = 2;          // a block still growing waits this long after its last change
-  double max_wait_s = 10;       // but no longer than this since it was first wanted
-  double deadline_s = 60;       // lost blocks younger than this are sent before new ones
+  int max_squares = 1024;     // pool
+  double spacing = 0.25;      // of the lattice that every area gets [m]
+  double coarse_spacing = 1;  // of coarse blocks, sent where fine ones are late; equal to `spacing`: none [m]
+  double max_error = 0.05;    // of a node as decoded [m]
+  double update_error = 0.075;  // a node that differs by more from the ship's copy is sent again [m]
+  double min_coverage = 0.05;   // nodes of lower coverage are not sent
+  double settle_s = 2;          // a block waits this long after its last change, to be complete
+  double max_wait_s = 10;       // but no longer than this after its first change
+  double deadline_s = 60;       // blocks lost less than this ago are sent before new ones
   double coarse_after_s = 120;  // after waiting this long, an area of fine blocks is sent coarse first
 
   void validate() const;  // throws std::invalid_argument naming the value
@@ -95,17 +95,18 @@ struct BlockRef {
 
 // The blocks that wait for the link, in a fixed pool of squares of 16 x 16 nodes (16 blocks), and the ship's
 // state of each: delivered (the frame that carried it was acknowledged), in flight (sent) or lost. A block
-// that became empty is sent like any other while the ship may show it. The order of sending:
+// that became empty is sent as such while the ship may show its earlier content. The order of sending:
 //   1 lost blocks while younger than the deadline; after it they count as new;
 //   2 coarse blocks of areas whose fine blocks have waited too long;
 //   3 blocks of which the ship has nothing, or fewer nodes;
 //   4 blocks that changed beyond the update bound (SLAM moved them);
 //   5 requested detail;
 //   6 fine blocks where the ship has coarse ones;
-//   7 unacknowledged blocks, repeated as the loss requires in spare room and time;
-// in each the newest first, in the last the oldest. When the pool is full a square is evicted: one with
-// nothing to send, otherwise the one offered longest ago. Evicted blocks are counted, and what the ship may
-// show of them is remembered. Deterministic; ties are broken by slot. Only the constructor allocates.
+//   7 unacknowledged blocks again, as the loss requires, in spare capacity of the link;
+// in each the newest first, in the last the oldest. When the pool is full, a square is evicted: one with
+// nothing to send if there is any, otherwise the one offered longest ago. Evicted blocks are counted, and
+// what the ship may show of them is remembered. Deterministic; ties are broken by slot. Only the constructor
+// allocates.
 class BlockQueue {
  public:
   explicit BlockQueue(const BlockQueueConfig& config);
@@ -124,16 +125,16 @@ class BlockQueue {
     std::array<MapBlock, kMaxBatch> blocks;
     std::array<BlockRef, kMaxBatch> refs;
   };
-  // Sets how often unacknowledged blocks are sent: `sendings` times in all, at least `after_s` apart; 1:
-  // once.
+  // Sets how often a block is sent while unacknowledged: `sendings` times in all (1: no repeats), at least
+  // `after_s` apart.
   void repeat(int sendings, double after_s);
   // Fills `batch`, with at most `limit` blocks; false if nothing is worth sending now.
   bool gather(std::int64_t now_ns, std::size_t limit, Batch& batch);
   // The first `count` blocks of the batch are sent now with frame `version`; the ship will have them as
-  // `decoded`. A block that lacks nodes there, because no frame is long enough, waits for newer content.
+  // `decoded`. A block of which nodes were left out, to fit into a frame, waits for newer content.
   void sent(const Batch& batch, std::size_t count, std::span<const MapBlock> decoded, Version version);
-  // The batch's first block cannot be encoded; it waits for newer content. A repeat whose content moved a
-  // little since is sent again as it was, or not repeated.
+  // The batch's first block cannot be encoded; it waits for newer content. A repeat whose
+  // content has changed slightly is sent as it was before, or not repeated.
   void unsendable(const Batch& batch);
 
   // A square of which the ship has all of the present content.
@@ -145,14 +146,15 @@ class BlockQueue {
   // `delivered` returns the square when the ship then has all of it.
   std::optional<Whole> delivered(const BlockRef& ref, Version version);
   void lost(const BlockRef& ref, Version version);
-  // Whether the ship has a frame, where that is known. settle() sends again the delivered blocks that the
-  // ship has lost, and the unacknowledged ones sent before frame `oldest`.
+  // Whether the ship has a frame, where that is known. settle() sends again the acknowledged blocks that the
+  // ship no longer has, and the unacknowledged ones sent before frame `oldest`.
   using Holds = std::function<std::optional<bool>(Version)>;
   void settle(const Holds& holds, Version oldest);
-  // Frames may have left that the saved state lacks: the ship may show any content of blocks that wait.
+  // After loading a saved state: frames that left since it was saved are unknown, so the ship may show any
+  // content of blocks that wait.
   void noteUnknownFrames();
-  // Counts the unacknowledged blocks that were sent longest ago as lost. False: there are none.
-  bool doubt();
+  // Counts the unacknowledged blocks that were sent longest ago as lost; false if there are none.
+  bool expireOldest();
 
   struct Counters {
     std::uint64_t offered = 0;     // blocks that became wanted
@@ -171,17 +173,17 @@ class BlockQueue {
     int squares = 0;
     int waiting = 0;    // blocks to be sent, settled or not
     int in_flight = 0;  // blocks sent and unacknowledged
-    int unsure = 0;     // of these, sent less often than `sendings`
+    int in_repeat = 0;  // of these, sent less often than `sendings`
   };
   [[nodiscard]] Census census(int sendings = 1) const;
   // Whether a square fits without evicting one that has something to send.
   [[nodiscard]] bool hasRoom() const;
   // Whether a block of a rectangle [m in nav] at this spacing waits or is unacknowledged.
-  [[nodiscard]] bool owes(double north_min, double north_max, double east_min, double east_max,
-                          double spacing) const;
-  // Called for every evicted square that the ship lacks (a block was not sent, or is lost) or, with `spare`,
-  // of which blocks are unacknowledged.
-  using OnEvicted = std::function<void(const Whole&, bool spare)>;
+  [[nodiscard]] bool hasPending(double north_min, double north_max, double east_min, double east_max,
+                                double spacing) const;
+  // Called for every evicted square that the ship lacks (a block was not sent, or is lost) or of which, with
+  // `unacknowledged_only`, blocks were sent and not acknowledged.
+  using OnEvicted = std::function<void(const Whole&, bool unacknowledged_only)>;
   void onEvicted(OnEvicted on_evicted) { on_evicted_ = std::move(on_evicted); }
   // Visits every block that the ship has acknowledged: its place, the first and last frames that may have
   // carried it, and the nodes that the ship shows there.
@@ -204,10 +206,10 @@ class BlockQueue {
     float held_error = 0;  // error bound that it was sent with [m]
     State state = State::kNever;
     bool wanted = false;          // something to send, settled or not
-    bool blocked = false;         // cannot be encoded, or not whole
-    bool orphan = false;          // coarse, and the fine one was evicted
+    bool blocked = false;         // not encodable, or sent in part: waits for newer content
+    bool orphan = false;          // coarse block over fine ones that were evicted
     bool moved = false;           // the content differs from what was sent, within its bounds
-    float spread = 0;             // between the decodings of this content's sendings [m]
+    float spread = 0;             // largest difference between this content's decoded versions [m]
     Version first = 0, last = 0;  // frames that carried this content; 0: never sent
     Version has = 0;              // of these, one that arrived
     std::uint8_t flying = 0;      // sendings of this content that are unacknowledged
@@ -246,7 +248,7 @@ class BlockQueue {
   static void exchange(Archive& archive, Self& self);
   template <typename Archive, typename Self>
   static void exchangeBlock(Archive& archive, Self& block);
-  [[nodiscard]] bool canStand(const Square& square) const;
+  [[nodiscard]] bool isValid(const Square& square) const;
   std::size_t slotFor(SpacingCode spacing, std::int32_t north, std::int32_t east);
   void evict(std::size_t slot);
   [[nodiscard]] bool differs(const Square& square, const Block& block) const;
@@ -257,7 +259,7 @@ class BlockQueue {
   [[nodiscard]] bool coarseIsHeld(const Block& fine) const;
   [[nodiscard]] Best mostUrgent(std::int64_t now_ns) const;
   void makeLost(Block& block);
-  static void mayShowAnything(Block& block);
+  static void markUnknown(Block& block);
   void remember(const Square& square);
   void recall(Square& square);
   void settle(Remembered& square, const Holds& holds, Version oldest);
@@ -270,7 +272,7 @@ class BlockQueue {
   int ratio_;  // coarse spacing over fine
   std::vector<Square> squares_;
   SquareIndex index_;
-  static constexpr std::size_t kRememberedASquare = 4;  // of the pool
+  static constexpr std::size_t kRememberedASquare = 4;  // per square of the pool
   std::vector<Remembered> remembered_;                  // sorted by place
   OnEvicted on_evicted_;
   std::uint64_t order_ = 0;

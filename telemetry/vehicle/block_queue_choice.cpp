@@ -166,8 +166,8 @@ bool BlockQueue::hasRoom() const {
   });
 }
 
-bool BlockQueue::owes(double north_min, double north_max, double east_min, double east_max,
-                      double spacing) const {
+bool BlockQueue::hasPending(double north_min, double north_max, double east_min, double east_max,
+                            double spacing) const {
   const auto code = spacingCode(spacing);
   const double side = spacing * MapBlock::kSide;
   const auto within = [side](std::int32_t index, double least, double most) {
@@ -203,7 +203,7 @@ BlockQueue::Census BlockQueue::census(int sendings) const {
       const bool coarse = s.spacing == coarse_ && coarse_ != fine_;
       c.waiting += b.wanted && (!coarse || fineIsLate(b, now_ns_)) ? 1 : 0;
       c.in_flight += b.state == State::kInFlight ? 1 : 0;
-      c.unsure += b.state == State::kInFlight && b.sendings < sendings ? 1 : 0;
+      c.in_repeat += b.state == State::kInFlight && b.sendings < sendings ? 1 : 0;
     }
   }
   return c;

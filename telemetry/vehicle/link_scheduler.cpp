@@ -170,7 +170,7 @@ std::size_t LinkScheduler::Impl::mapPacket(int sendings, double after_s) {
 // When only unacknowledged frames are left, sends the oldest blocks again: the ship probably lacks them, and
 // a frame is needed to give the turn.
 std::size_t LinkScheduler::Impl::probe() {
-  if (!turns.everAnswered() || !turns.due(std::max(busy_until, now), true) || !queue.doubt()) return 0;
+  if (!turns.everAnswered() || !turns.due(std::max(busy_until, now), true) || !queue.expireOldest()) return 0;
   return mapPacket(1, 0);
 }
 
@@ -350,7 +350,7 @@ bool LinkScheduler::drained() const {
   const Impl& s = *impl_;
   const BlockQueue::Census census = s.queue.census(repeatsForGoal(s.sent.loss(), kRepeatGoal));
   return census.waiting == 0 && s.detail_count == 0 && !s.repair.pending() &&
-         !(s.blind() && s.repair.open()) && (s.turns.answered() ? census.in_flight : census.unsure) == 0;
+         !(s.blind() && s.repair.open()) && (s.turns.answered() ? census.in_flight : census.in_repeat) == 0;
 }
 
 LinkScheduler::Counters LinkScheduler::counters() const {

@@ -23,7 +23,7 @@ void LinkScheduler::Impl::setRate(double rate_bps) {
 void LinkScheduler::Impl::closeDetails() {
   for (std::size_t k = detail_count; k < detail_known;) {
     const Detail& d = details[k];
-    if (queue.owes(d.north_min, d.north_max, d.east_min, d.east_max, d.spacing)) {
+    if (queue.hasPending(d.north_min, d.north_max, d.east_min, d.east_max, d.spacing)) {
       ++k;
       continue;
     }

@@ -76,7 +76,7 @@ void BlockQueue::save(rt::StateWriter& writer) const {
   exchange(writer, *this);
 }
 
-bool BlockQueue::canStand(const Square& s) const {
+bool BlockQueue::isValid(const Square& s) const {
   const double side = spacingOf(s.spacing) * kBlocksASide * MapBlock::kSide;
   return side > 0 && s.spacing <= spacingCode(64.0).value_or(0) &&
          std::abs(static_cast<double>(s.north)) * side <= kFarthest &&
@@ -91,7 +91,7 @@ bool BlockQueue::load(rt::StateReader& reader) {
   for (std::size_t i = 0; i < squares_.size() && reader.ok(); ++i) {
     Square& s = squares_[i];
     if (!s.used) continue;
-    if (!canStand(s)) {
+    if (!isValid(s)) {
       reader.fail("a square that cannot be");
       break;
     }

@@ -15,10 +15,12 @@ using boost::system::error_code;
 
 namespace {
 
-constexpr int kLargeAnswer = 1 << 20;            // [bytes]
-constexpr std::chrono::milliseconds kPause{20};  // before the next attempt to find room or a descriptor
+constexpr int kMmapThreshold_bytes = 1 << 20;
+// Before accepting again, when no connection is free or the process has no descriptor left.
+constexpr std::chrono::milliseconds kPause{20};
 
-std::size_t mostConnections() {
+// A quarter of the process's descriptors at most: the rest is for files.
+std::size_t maxConnections() {
   rlimit limit{};
   if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return kMaxConnections;
   return std::clamp<std::size_t>(limit.rlim_cur / 4, 1, kMaxConnections);
@@ -31,8 +33,9 @@ HttpServer::HttpServer(const Config& config, Routes routes)
       routes_(std::move(routes)),
       headers_(config.headers),
       max_body_bytes_(config.max_body_bytes) {
-  // Returns the memory of large answers to the system; otherwise the heap would keep it in fragments.
-  ::mallopt(M_MMAP_THRESHOLD, kLargeAnswer);
+  // Large answers are mapped, so that their memory goes back to the system instead of fragmenting the heap
+  // (of the whole process).
+  ::mallopt(M_MMAP_THRESHOLD, kMmapThreshold_bytes);
   listen(config);
   accept();
   tick();
@@ -41,7 +44,7 @@ HttpServer::HttpServer(const Config& config, Routes routes)
       try {
         io_.run();
       } catch (const std::exception&) {
-        // Out of memory for one connection; its deadline ends it.
+        // A connection's handler threw, usually for lack of memory; its deadline closes the connection.
       }
     }
   });
@@ -74,7 +77,7 @@ void HttpServer::accept() {
 }
 
 void HttpServer::admit(tcp::socket socket) {
-  if (connections_.size() >= mostConnections() && !evict(Evictable::kAny, nullptr)) {
+  if (connections_.size() >= maxConnections() && !evict(Evictable::kAny, nullptr)) {
     pause_.expires_after(kPause);
     return pause_.async_wait(
         [this, waiting = std::move(socket)](error_code) mutable { admit(std::move(waiting)); });
@@ -89,23 +92,25 @@ void HttpServer::admit(tcp::socket socket) {
   accept();
 }
 
-bool HttpServer::evict(Evictable which, const Connection* spared) {
+bool HttpServer::evict(Evictable which, const Connection* keep) {
   using Phase = Connection::Phase;
   const auto now = Connection::Clock::now();
-  std::shared_ptr<Connection> worst;
+  std::shared_ptr<Connection> victim;  // of the earliest phase, and in it the oldest
   for (const auto& one : connections_) {
-    if (one.get() == spared || one->phase() > Phase::kSending) continue;
+    if (one.get() == keep || one->phase() > Phase::kSending) continue;
     if (which == Evictable::kSending && one->phase() != Phase::kSending) continue;
     if (which == Evictable::kAny && !one->sendsInParts() && now - one->since() < kGrace) continue;
-    if (worst == nullptr || std::pair(one->phase(), one->since()) < std::pair(worst->phase(), worst->since()))
-      worst = one;
+    if (victim == nullptr ||
+        std::pair(one->phase(), one->since()) < std::pair(victim->phase(), victim->since()))
+      victim = one;
   }
-  if (worst == nullptr) return false;
-  worst->close();
+  if (victim == nullptr) return false;
+  victim->close();
   return true;
 }
 
 void HttpServer::boundHeldBytes(const Connection& newest) {
+  // The largest answer is exempt, so that one large download can always complete.
   const auto held = [&] {
     std::size_t sum = 0, largest = 0;
     for (const auto& one : connections_) {
@@ -131,7 +136,7 @@ bool HttpServer::hasRoomForStream() const {
   const auto open = std::count_if(connections_.begin(), connections_.end(), [](const auto& one) {
     return one->phase() == Connection::Phase::kStreaming;
   });
-  return static_cast<std::size_t>(open) < std::max<std::size_t>(mostConnections() / kConnectionsPerStream, 1);
+  return static_cast<std::size_t>(open) < std::max<std::size_t>(maxConnections() / kConnectionsPerStream, 1);
 }
 
 void HttpServer::publish(std::string text) {

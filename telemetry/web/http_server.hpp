@@ -133,7 +133,7 @@ class HttpServer {
   void accept();
   void admit(boost::asio::ip::tcp::socket socket);
   void tick();
-  bool evict(Evictable which, const Connection* spared);  // false: there is none to evict
+  bool evict(Evictable which, const Connection* keep);  // false: there is none to evict
   void boundHeldBytes(const Connection& newest);
   void forget(const std::shared_ptr<Connection>& connection) { connections_.erase(connection); }
   [[nodiscard]] bool hasRoomForStream() const;

@@ -163,7 +163,7 @@ std::filesystem::path builtPage(const std::string& name) {
 }
 
 std::filesystem::path pageFolder(const std::filesystem::path& given, const std::string& name) {
-  const std::filesystem::path folder = given.empty() ? builtPage(name) : given;
+  std::filesystem::path folder = given.empty() ? builtPage(name) : given;
   if (!std::filesystem::is_regular_file(folder / "index.html"))
     throw InputError(folder.string(), "",
                      "holds no index.html: build the target fathom_" + name + "_page, or give --page");

@@ -163,6 +163,10 @@ TEST_F(ImageFileTest, AnyImageIsReadAsItIs) {
     EXPECT_NEAR(image.bytes[0], 200, 3) << name;
     EXPECT_NEAR(image.bytes[2], 10, 3) << name;
   }
+  const std::string jpeg = readText(folder_.path() / "a.jpg");
+  writeText(folder_.path() / "filled.jpg", jpeg.substr(0, 2) + "\xff\xff" + jpeg.substr(2));
+  EXPECT_EQ(readAnyImage(folder_.path() / "filled.jpg").view.width, 50) << "fill bytes before a marker";
+
   std::vector<std::uint16_t> storage;
   const ImageView view = noise(storage, 50, 40, 1, 12, PixelFormat::kMono);
   writeImage(path_, view);

@@ -99,7 +99,7 @@ TEST(Clipped, PixelsAreGreyAndTheirNeighboursKeepTheirColour) {
   std::vector<std::uint8_t> rgb(3 * kSide * kSide);
   for (std::size_t k = 0; k < rgb.size(); ++k) rgb[k] = static_cast<std::uint8_t>(k % 3 == 1 ? 90 : 120);
   raw[5 * kSide + 4] = 4095;  // green, in the cell of columns 4 and 5, rows 4 and 5
-  greyWhereClipped({raw.data(), kSide, kSide, 2 * kSide, PixelFormat::kBayerRggb, 12}, 0.98, rgb.data());
+  neutraliseClipped({raw.data(), kSide, kSide, 2 * kSide, PixelFormat::kBayerRggb, 12}, 0.98, rgb.data());
   for (int y = 0; y < kSide; ++y)
     for (int x = 0; x < kSide; ++x) {
       const std::uint8_t* pixel = &rgb[static_cast<std::size_t>(3 * (y * kSide + x))];

@@ -268,7 +268,7 @@ TEST(MovingMap, MeshesOfAKeyframeThatRetiresStayWhereTheyAreAndFollowTheOneTheyH
   const std::string map = moving.map().canonicalBytes();
   const std::uint64_t fused = moving.counters().meshes_fused_again;
   const SE3 T_onto = correction(4, much).inverse() * correction(3, much);
-  moving.rehang({3, 4, T_onto});
+  moving.reattach({3, 4, T_onto});
   moving.noteMoved();
   moving.rebuild(100, before, {});
   EXPECT_EQ(moving.counters().meshes_fused_again, fused);

@@ -214,7 +214,7 @@ TEST(SharedByPose, WhatMeasurementsShareWidensWhatItMoves) {
   each.col(2) = error.each;
   shared.begin();
   for (int k = 0; k < solver.measurements(); ++k)
-    if (solver.measurement(k).from != 0) shared.pull(solver, k, each);
+    if (solver.measurement(k).from != 0) shared.add(solver, k, each);
   while (!shared.solve(solver)) continue;
   const SharedByPose::Covariance variance = 4 * SharedByPose::Covariance::Identity();
   for (const int k : {2, 20, 35, 80}) {

@@ -272,6 +272,7 @@ TEST(TopsideConfig, AnUnknownKeyOrAValueOutOfRangeIsNamed) {
   EXPECT_THAT(configError("[stereo]\nmin_range_m = 5\nmax_range_m = 2\n"),
               ::testing::HasSubstr("max_range_m"));
   EXPECT_THAT(configError("[slam]\nturned_sigmas = 0\n"), ::testing::HasSubstr("turned_sigmas"));
+  EXPECT_THAT(configError("[model]\ntexel_m = 0.00001\n"), ::testing::HasSubstr("texel_m"));
   EXPECT_EQ(configError("[fusion]\nvoxel_m = 0.05\n[stereo]\nmax_features = 1000\n"), "");
 }
 

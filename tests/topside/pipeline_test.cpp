@@ -1,4 +1,5 @@
 #include "recon/topside/pipeline.hpp"
+#include "recon/topside/commands/commands.hpp"
 
 #include <gmock/gmock.h>
 
@@ -8,6 +9,7 @@
 #include "firmware_if/mission/pose_files.hpp"
 #include "realtime/base/input_error.hpp"
 #include "recon/geometry/ply.hpp"
+#include "recon/topside/commands/commands.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
 #include "tests/world/missions.hpp"
@@ -81,6 +83,25 @@ TEST_F(TopsidePipeline, PosesAreTheTrueOnesAnchoredByGps) {
   }
 }
 
+TEST(TopsideConfig, TheModelIsSetByTheFileAndTheCommandLineAboveIt) {
+  const test::TemporaryFolder folder;
+  const auto file = (folder.path() / "run.toml").string();
+  std::ofstream(file) << "[model]\nblend = \"average\"\npictures = \"webp\"\ngpu_texture = \"dds\"\n";
+  const auto model = [&](const std::string& options) {
+    CLI::App app;
+    RunSettings settings;
+    addRunSettings(app, settings);
+    app.parse("mission --config " + file + options);
+    return configOf(settings).model;
+  };
+  EXPECT_EQ(model("").blend.mode, surface::BlendMode::kAverage);
+  EXPECT_EQ(model("").picture.format, PictureFormat::kWebp);
+  EXPECT_EQ(model("").gpu_texture, GpuTexture::kDds);
+  EXPECT_EQ(model(" --mode bands").blend.mode, surface::BlendMode::kBands);
+  EXPECT_EQ(model(" --textures jpeg").picture.format, PictureFormat::kJpeg);
+  EXPECT_EQ(model(" --textures jpeg").gpu_texture, GpuTexture::kNone);
+}
+
 TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
   (void)runTopside(mission(), mission() / "topside", {});
   const auto report = nlohmann::json::parse(test::readText(result("report.json")));
@@ -88,6 +109,8 @@ TEST_F(TopsidePipeline, TheReportTellsTimesCountsAndVersionAndIsOnePage) {
   EXPECT_EQ(report["pairs"]["used"], 8);
   EXPECT_EQ(report["software_version"], FATHOM_VERSION);
   EXPECT_EQ(report["navigation"]["anchor"]["source"], "gps");
+  EXPECT_EQ(report["config"]["fusion"]["voxel_m"], TopsideConfig().fusion.voxel);
+  EXPECT_EQ(report["config"]["model"]["blend"], "bands");
   for (const char* camera : {"left", "right"}) {
     const auto& light = report["lighting"][camera];
     EXPECT_THAT(light["model"].get<std::string>(), ::testing::AnyOf("plain", "range-dependent")) << camera;

@@ -34,7 +34,7 @@ class CameraSource {
  public:
   virtual ~CameraSource() = default;
   // Waits at most `timeout_ms`, then hands every whole frame that came to the sink. False when there is no
-  // camera. Exceptions of the libraries that it uses come out: PollFence is between it and the thread.
+  // camera. May throw exceptions of the libraries that it uses: call it through PollGuard.
   virtual bool poll(int timeout_ms, FrameSink& sink) = 0;
   // Closes the camera; the next poll() opens it again. On the polling thread.
   virtual void close() noexcept {}

@@ -26,7 +26,7 @@ FastPacketAssembler::Slot& FastPacketAssembler::freeSlot() noexcept {
   Slot* oldest = &slots_.front();
   for (Slot& slot : slots_) {
     if (!slot.busy) return slot;
-    if (slot.last_frame < oldest->last_frame) oldest = &slot;
+    if (slot.updated < oldest->updated) oldest = &slot;
   }
   giveUp(*oldest);
   return *oldest;
@@ -101,7 +101,7 @@ std::span<const std::uint8_t> FastPacketAssembler::add(const N2kId& id, const Ca
   }
   std::memcpy(slot->bytes.data() + begin, payload.data(), wanted);
   slot->missing &= ~bit;
-  slot->last_frame = frames_;
+  slot->updated = frames_;
   slot->utc_ns = frame.utc_ns;
   if (slot->missing != 0) return {};
   slot->busy = false;

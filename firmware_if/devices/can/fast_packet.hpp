@@ -11,27 +11,27 @@
 
 namespace fathom::io {
 
-// Puts NMEA 2000 fast packets (up to 223 bytes in up to 32 frames) together again. The first byte of each
+// Reassembles NMEA 2000 fast packets (up to 223 bytes in up to 32 frames). The first byte of each
 // frame holds a sequence number (3 bits) and a frame index (5 bits); frame 0 adds the length and carries 6
 // bytes, the others 7.
 //
 // Several packets may be in transfer at once; source, destination, PGN and sequence number identify them.
-// Frames may come out of order, but only behind their frame 0: a frame 0 always begins a new packet, and a
-// repeated frame shows that a frame 0 was lost, so that the packet is dropped rather than mixed with
-// another's bytes. Memory is fixed: when all slots are busy, the packet that waited longest is dropped and
-// counted.
+// Frames may arrive in any order after their frame 0, which always begins a new packet. A frame index that
+// arrives twice means that the frame 0 of a newer packet was lost: the packet is dropped, so that the bytes
+// of two are never mixed. Memory is fixed: when all slots are busy, the least recently updated packet is
+// dropped and counted.
 class FastPacketAssembler {
  public:
   static constexpr std::size_t kMaxBytes = N2kPacket::kMaxBytes;
 
   struct Config {
     std::size_t slots = 64;  // packets in transfer at once
-    // A packet is given up when its next frame takes longer [ns]. NMEA 2000 receivers wait 750 ms.
+    // Longest gap between two frames of a packet, by their times; NMEA 2000 receivers wait 750 ms.
     std::int64_t timeout_ns = 750'000'000;
   };
   struct Counts {
-    std::uint64_t complete = 0;    // packets given out
-    std::uint64_t incomplete = 0;  // packets given up: frames lost, late, or no slot left
+    std::uint64_t complete = 0;    // packets delivered
+    std::uint64_t incomplete = 0;  // packets dropped: frames lost, repeated or late, or no slot left
     std::uint64_t orphans = 0;     // frames that belong to no packet in transfer
     std::uint64_t broken = 0;      // frames too short, or with an impossible length or index
   };
@@ -56,8 +56,8 @@ class FastPacketAssembler {
     std::uint8_t destination = 0;
     std::uint8_t sequence = 0;
     std::uint8_t length = 0;
-    std::uint32_t missing = 0;  // a bit for each frame still to come
-    std::uint64_t last_frame = 0;
+    std::uint32_t missing = 0;           // a bit for each frame not received yet
+    std::uint64_t updated = 0;           // frames_ at its last frame
     std::optional<std::int64_t> utc_ns;  // of the last frame
     std::array<std::uint8_t, kMaxBytes> bytes{};
   };

@@ -25,7 +25,8 @@ template <typename Values>
 // The median, the greater of the two middle values of an even number; `none` if there are no values.
 template <typename Values>
 [[nodiscard]] auto median(Values values, std::ranges::range_value_t<Values> none = {}) {
-  return values.empty() ? none : ranked(std::move(values), values.size() / 2);
+  const std::size_t middle = values.size() / 2;
+  return values.empty() ? none : ranked(std::move(values), middle);
 }
 
 // Robust standard deviation: kMadToSigma times the median absolute deviation about `centre`. The elements

@@ -72,6 +72,8 @@ class SharedBytes {
  public:
   void store(const T& value) noexcept {
     std::array<std::uint64_t, kWords> words{};
+    // Eigen's fixed matrices are copied as bytes, though they do not say so.
+    // NOLINTNEXTLINE(bugprone-undefined-memory-manipulation)
     std::memcpy(words.data(), &value, sizeof value);
     for (std::size_t i = 0; i < kWords; ++i) words_[i].store(words[i], std::memory_order_relaxed);
   }

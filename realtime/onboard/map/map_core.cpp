@@ -10,10 +10,12 @@
 namespace fathom::onboard {
 namespace {
 
-// GPS errors last for minutes: of fixes close together one is worth as much as all.
+// Errors of GPS are correlated over minutes: fixes closer together than this carry no new information, and
+// only one of them is used.
 constexpr std::int64_t kGpsInterval_ns = 60'000'000'000;
-constexpr double kLooksAhead = 0.3;    // cosine of the principal ray from the vertical, below
-constexpr double kNominalRange = 2.0;  // survey altitude of the vehicle class [m]
+// A camera looks ahead if the cosine of the angle between its optical axis and down is below this.
+constexpr double kLeastDownCosine = 0.3;
+constexpr double kFirstDepth = 2.0;  // assumed before any stereo, the vehicle class's survey altitude [m]
 
 bool shaped(const ImageView& image, const Camera& camera) {
   return !image.empty() && image.width == camera.width && image.height == camera.height;
@@ -30,7 +32,7 @@ void measureFootprint(const Mesh& mesh, MapOutput& out) {
         std::max(out.footprint_radius, static_cast<double>((v.head<2>() - box.center()).norm()));
 }
 
-// `z`: to work in.
+// `z`: scratch buffer.
 double medianRange(const stereo::StereoResult& result, std::vector<float>& z) {
   z.clear();
   for (const stereo::StereoPoint& p : result.points) z.push_back(p.point.z());
@@ -52,7 +54,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
       map_(config.map, config.localisation.enabled ? slots.meshes : nullptr,
            static_cast<std::size_t>(config.stereo.max_features), rig_.history()),
       anchor_(config.localisation.graph.noise.usbl_shift),
-      last_range_(kNominalRange),
+      last_range_(kFirstDepth),
       left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
       left_mono_(pixelsOf(config.rig.left)),
       left_rgb_(3 * pixelsOf(config.rig.left)),
@@ -70,9 +72,9 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
   right_points_.resize(static_cast<std::size_t>(config.stereo.max_features));
   if (!config.localisation.enabled) return;
   localisation_ = std::make_unique<LocalisationCore>(rig_.history(), config.localisation, slots.features);
-  localisation_->setRetiredObserver([this](const slam::NavigationGraph::Retired& gone) {
-    map_.rehang(gone);
-    if (on_retired_) on_retired_(gone);
+  localisation_->setRetiredObserver([this](const slam::NavigationGraph::Retired& retired) {
+    map_.reattach(retired);
+    if (on_retired_) on_retired_(retired);
   });
 }
 
@@ -87,7 +89,7 @@ void MapCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector
   if (frame_fixed_) {
     if (!localisation_) return;
     if (kind == nav::FixKind::kGps) {
-      if (utc_ns - last_gps_ns_ < kGpsInterval_ns) return;
+      if (std::abs(utc_ns - last_gps_ns_) < kGpsInterval_ns) return;
       last_gps_ns_ = utc_ns;
     }
     localisation_->addFix(kind, utc_ns, antenna_in_odom, north_east, sigma);
@@ -106,8 +108,8 @@ void MapCore::anchorAt(double unlocked_s) {
   anchored_ = true;
   if (!localisation_) return;
   for (const nav::FixKind kind : {nav::FixKind::kGps, nav::FixKind::kUsbl})
-    if (const auto own = anchor_.estimate(kind, unlocked_s, drift))
-      localisation_->setAnchor(kind, own->shift, own->sigma);
+    if (const auto of_kind = anchor_.estimate(kind, unlocked_s, drift))
+      localisation_->setAnchor(kind, of_kind->shift, of_kind->sigma);
 }
 
 SE3 MapCore::poseOf(int keyframe, const SE3& T_odom_cam) const {
@@ -152,8 +154,8 @@ void MapCore::finish() {
 stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
   const SE3 T_odom_cam = input.T_odom_body * config_.T_body_cam;
   const Eigen::Vector3d down_cam = T_odom_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-  // A camera that looks ahead sees something else than the ground below.
-  if (!input.altitude || down_cam.z() < kLooksAhead) return {Eigen::Vector3d::UnitZ(), last_range_};
+  // For a camera that looks ahead the DVL's altitude does not describe the surface in view.
+  if (!input.altitude || down_cam.z() < kLeastDownCosine) return {Eigen::Vector3d::UnitZ(), last_range_};
   const double dvl_depth = (input.T_odom_body * config_.T_body_dvl.translation()).z();
   return {down_cam, dvl_depth + *input.altitude - T_odom_cam.translation().z()};
 }
@@ -185,7 +187,7 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
 }
 
 template <typename Match>
-const stereo::StereoResult& MapCore::throughTheRig(const Match& match) {
+const stereo::StereoResult& MapCore::matchWithRig(const Match& match) {
   const stereo::StereoResult& result = match();
   if (!rig_.correctAtStart(result.matches)) return result;
   useRig(config_.rig);
@@ -201,7 +203,7 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
                            eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane,
                            input.max_features);
   };
-  const stereo::StereoResult& result = throughTheRig(match);
+  const stereo::StereoResult& result = matchWithRig(match);
   ended("stereo");
   learnLight(input, plane.ahead(), result);
   stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
@@ -213,7 +215,7 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
 
 const stereo::StereoResult& MapCore::seeFeatures(const MapInput& input) {
   const stereo::StereoResult& result =
-      throughTheRig([&]() -> const stereo::StereoResult& { return given_stereo_.process(*input.features); });
+      matchWithRig([&]() -> const stereo::StereoResult& { return given_stereo_.process(*input.features); });
   stereo::toMesh(result, *input.features, mesh_);
   ended("stereo");
   return result;
@@ -230,26 +232,28 @@ void MapCore::count(const stereo::StereoResult& result) {
   if (result.triangles.empty()) ++counters_.pairs_without_points;
 }
 
-void MapCore::watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
+void MapCore::updateRig(std::span<const RigMatch> matches, std::int64_t utc_ns) {
   const StereoRig before = rig_.rig();
-  const std::uint64_t measured = rig_.measurements(), began = rig_.resets();
-  const std::uint64_t knocks = began == 0 ? 0 : rig_.changes();
+  const std::uint64_t measurements_before = rig_.measurements(), resets_before = rig_.resets();
+  const std::uint64_t changes_before = resets_before == 0 ? 0 : rig_.changes();
   bool changed = rig_.add(matches);
-  // A knock has spoilt no step from before the measurement that did not show it.
+  // Steps up to the last measurement that did not show a knock are unaffected by it.
   const std::int64_t since_ns = measured_ns_;
-  if (rig_.measurements() != measured) measured_ns_ = utc_ns;
-  if (rig_.resets() != began) {
+  if (rig_.measurements() != measurements_before) measured_ns_ = utc_ns;
+  if (rig_.resets() != resets_before) {
     if (changed) useRig(before);
-    // What was known of the range error was of another rig.
-    if (localisation_) localisation_->resetRig(rig_.yawSigma(), since_ns, rig_.changes() != knocks);
+    // The range error estimated so far belongs to the previous calibration.
+    if (localisation_) localisation_->resetRig(rig_.yawSigma(), since_ns, rig_.changes() != changes_before);
     return;
   }
   if (localisation_ && rig_.resets() > 0) {
-    // Half of its standard deviation is still worth taking out: it is common to all that is seen.
-    constexpr double kWorth = 0.5, kLeast = 5e-4;
+    // A range error is systematic over all points, so averaging does not reduce it: it is corrected from half
+    // its standard deviation on.
+    constexpr double kCorrectedSigmas = 0.5, kLeastCorrection = 5e-4;  // [1], of the range
     const slam::DvlCalibration& dvl = localisation_->graph().dvl();
     const calibration::RangeError error{dvl.rangeError().x(), dvl.rangeError().y()};
-    const double least = std::max(kWorth * dvl.rangeSigma(last_range_), kLeast * rig_.history().worth());
+    const double least =
+        std::max(kCorrectedSigmas * dvl.rangeSigma(last_range_), kLeastCorrection * rig_.history().worth());
     if (std::abs(error.at(last_range_)) > least) {
       rig_.correctRange(error);
       changed = true;
@@ -307,7 +311,8 @@ SeenPair MapCore::see(const MapInput& input) {
     ended("map");
   }
   pair.looked = look(input, pair, true);
-  watchRig(result.matches, input.utc_ns);  // last: the pair was seen through the rig as it was taken to stand
+  // Last, because this pair was processed with the rig as it was estimated before.
+  updateRig(result.matches, input.utc_ns);
   return pair;
 }
 

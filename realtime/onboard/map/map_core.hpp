@@ -184,13 +184,13 @@ class MapCore {
   }
   // Result of `match` on the pair; matches again if the result changes the rig's calibration.
   template <typename Match>
-  const stereo::StereoResult& throughTheRig(const Match& match);
+  const stereo::StereoResult& matchWithRig(const Match& match);
   // Points and triangles of the pair, its local mesh in the camera's frame, and features for localisation.
   const stereo::StereoResult& seeImages(const MapInput& input, const stereo::SeedPlane& plane);
   const stereo::StereoResult& seeFeatures(const MapInput& input);
   void count(const stereo::StereoResult& result);
   // Updates the rig's calibration by a pair's matches and the steps between pairs.
-  void watchRig(std::span<const RigMatch> matches, std::int64_t utc_ns);
+  void updateRig(std::span<const RigMatch> matches, std::int64_t utc_ns);
   // All parts use rig_ from now on, instead of `before`.
   void useRig(const StereoRig& before);
   // Corrects a pair for stereo.

@@ -221,7 +221,7 @@ std::size_t MovingMap::slotFor() {
   return stillest;
 }
 
-void MovingMap::rehang(const slam::NavigationGraph::Retired& gone) {
+void MovingMap::reattach(const slam::NavigationGraph::Retired& gone) {
   for (std::size_t k = 0; k < keyframe_.size(); ++k) {
     if (keyframe_[k] != gone.keyframe) continue;
     keyframe_[k] = gone.onto;

@@ -67,7 +67,7 @@ class MovingMap {
                const PoseOf& pose_of);
 
   // Anchors the meshes of a retired keyframe to its successor, where they are.
-  void rehang(const slam::NavigationGraph::Retired& gone);
+  void reattach(const slam::NavigationGraph::Retired& gone);
   // A keyframe has moved, or the rig calibration has improved: rebuild() checks all meshes again. False for a
   // map that never moves.
   bool noteMoved();

@@ -1,4 +1,3 @@
-extern char** environ;
 #include "realtime/onboard/mapper/mapper_keeper.hpp"
 
 #include <fcntl.h>

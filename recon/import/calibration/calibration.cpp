@@ -73,7 +73,8 @@ void requirePrincipalPoint(const Camera& camera, const char* side, const fs::pat
 
 // Files of one calibration have the same; "" where it is no calibration.
 std::string calibrationOf(const fs::path& file) {
-  const std::string name = file.filename().string(), extension = file.extension().string();
+  std::string name = file.filename().string();
+  const std::string extension = file.extension().string();
   if (extension == ".calib") return name;
   constexpr std::array kExtensions{".yaml", ".yml", ".xml", ".json"};
   if (std::find(kExtensions.begin(), kExtensions.end(), extension) == kExtensions.end() &&

@@ -15,7 +15,7 @@ Cameras camerasOf(const CalibrationTree& tree) {
   if (!tree.is_object()) return cameras;
   for (const auto& item : tree.items()) {
     std::smatch match;
-    const std::string name = item.key();
+    const std::string& name = item.key();
     if (std::regex_match(name, match, kName) && item.value().is_object() &&
         (item.value().contains("camera_model") || item.value().contains("intrinsics")))
       cameras[std::stoi(match[1])] = {name, &item.value()};

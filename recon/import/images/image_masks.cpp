@@ -25,7 +25,8 @@ cv::Mat shownBy(const fs::path& path, const Camera& camera) {
   const int channels = view.format == PixelFormat::kRgb ? 3 : 1;
   const cv::Mat samples(view.height, view.width * channels, view.bits == 8 ? CV_8U : CV_16U,
                         const_cast<void*>(view.data), view.stride);
-  cv::Mat light = samples > ((1 << view.bits) - 1) / 2;
+  const int half = ((1 << view.bits) - 1) / 2;
+  cv::Mat light = samples > half;
   if (channels == 1) return light;
   cv::Mat lightest;
   cv::reduce(light.reshape(1, view.width * view.height), lightest, 1, cv::REDUCE_MAX);

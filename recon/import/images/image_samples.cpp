@@ -142,6 +142,7 @@ Samples samplesNamed(const std::string& name) {
 io::ImageFile readSamples(const std::filesystem::path& path, Samples samples) {
   io::ImageFile file = readWhatever(path);
   const bool grey = file.view.format == PixelFormat::kMono;
+  const int bits = file.view.bits;
   if (samples == Samples::kAuto)
     samples = !grey                                     ? Samples::kRgb
               : path.stem().string().ends_with("_LC16") ? Samples::kRggb
@@ -149,9 +150,9 @@ io::ImageFile readSamples(const std::filesystem::path& path, Samples samples) {
   switch (samples) {
     case Samples::kAuto:
     case Samples::kMono:
-      return fitted(std::move(file), PixelFormat::kMono, file.view.bits, path);
+      return fitted(std::move(file), PixelFormat::kMono, bits, path);
     case Samples::kRgb:
-      return fitted(std::move(file), PixelFormat::kRgb, file.view.bits, path);
+      return fitted(std::move(file), PixelFormat::kRgb, bits, path);
     case Samples::kRggb:
       if (grey) file.view.format = PixelFormat::kBayerRggb;
       return file;

@@ -214,8 +214,9 @@ class NmeaReader {
   void dated(std::optional<double> ddmmyy) {
     if (!ddmmyy || *ddmmyy < 0 || *ddmmyy > 311'299) return;
     const int whole = static_cast<int>(*ddmmyy), year = whole % 100;
+    const int day = whole / 10'000, month = whole / 100 % 100;
     constexpr int kCentury = 80;  // 80 is 1980, when GPS began
-    date(whole / 10'000, whole / 100 % 100, year + (year < kCentury ? 2000 : 1900));
+    date(day, month, year + (year < kCentury ? 2000 : 1900));
   }
   // A time of day: of the date given, else of the day that puts it nearest to the images.
   void timed(std::optional<std::int64_t> of_day) {

@@ -173,8 +173,7 @@ void SharedTurns::pullLinks() {
     const int a = keyframes_.ofNode(m.from), b = keyframes_.ofNode(m.to);
     if (a < 0 || b < 0) continue;
     const Keyframe& to = keyframes_[b];
-    if (m.composed || to.link == k || robust_.has(k))
-      links_.pull(solver_, k, turnedBy(m.T_from_to, to.range));
+    if (m.composed || to.link == k || robust_.has(k)) links_.add(solver_, k, turnedBy(m.T_from_to, to.range));
   }
 }
 
@@ -192,7 +191,7 @@ void SharedTurns::forLevelTurns(const auto& take) const {
 void SharedTurns::pullClosures() {
   closures_.begin();
   forLevelTurns([&](const RobustFactor& r, const SharedByPose::Each& by) {
-    closures_.pull(solver_, r.measurement, by);
+    closures_.add(solver_, r.measurement, by);
   });
 }
 

@@ -73,12 +73,12 @@ bool KeyframeRetirement::retireNode(int node) {
     named[count++] = {k, m.from == node ? m.to : m.from};
   }
   if (solver.retire(node) != RetireStatus::kOk) return false;
-  for (std::size_t i = 0; i < count; ++i) forget(named[i].measurement, named[i].other_end);
+  for (std::size_t i = 0; i < count; ++i) removeMeasurement(named[i].measurement, named[i].other_end);
   return true;
 }
 
 // A measurement that went with a pose: its index is another's from now on.
-void KeyframeRetirement::forget(int measurement, int other_end) {
+void KeyframeRetirement::removeMeasurement(int measurement, int other_end) {
   const int number = other_end < 0 ? -1 : keyframes_.ofNode(other_end);
   if (number >= 0) {
     Keyframe& k = keyframes_[number];

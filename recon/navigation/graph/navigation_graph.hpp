@@ -12,21 +12,23 @@
 
 namespace fathom::slam {
 
-// A keyframe that is gone. What hung on it by odometry at T_odom hangs on `onto` at T_onto * T_odom: its pose
-// is the same, T_onto = odometry(onto) pose(onto)^-1 pose(keyframe) odometry(keyframe)^-1.
+// A retired keyframe. Data that were attached to it at the odometry pose T_odom are attached to keyframe
+// `onto` at T_onto * T_odom, which leaves their pose in nav as it was: T_onto = odometry(onto) pose(onto)^-1
+// pose(keyframe) odometry(keyframe)^-1.
 struct RetiredKeyframe {
   int keyframe = 0, onto = 0;
   SE3 T_onto;
 };
 
-// Makes room for keyframes to come: the keyframe that is missed least retires into what its measurements say
-// about its neighbours (retirement.hpp), and references that few measurements name.
+// Makes room for new keyframes: marginalises the keyframe that adds least information into factors between
+// its neighbours (retirement.hpp), and removes references that few measurements use.
 class KeyframeRetirement {
  public:
   KeyframeRetirement(KeyframeStore& keyframes, RobustFactors& robust, SensorReferences& references);
 
   void makeRoom();
-  // By the last makeRoom(), in their order: one may be `onto` of an earlier one.
+  // Keyframes that the last makeRoom() retired, in that order: an entry's keyframe may be the `onto` of an
+  // earlier entry.
   [[nodiscard]] std::span<const RetiredKeyframe> retired() const { return retired_; }
   void clear() { retired_.clear(); }
 
@@ -34,7 +36,7 @@ class KeyframeRetirement {
   [[nodiscard]] bool retireKeyframe();
   void retireReference();
   [[nodiscard]] bool retireNode(int node);
-  void forget(int measurement, int other_end);
+  void removeMeasurement(int measurement, int other_end);
 
   KeyframeStore& keyframes_;
   RobustFactors& robust_;
@@ -44,7 +46,7 @@ class KeyframeRetirement {
 
 // The vehicle's navigation as a graph of poses in information form: one pose for each stereo keyframe, and
 // references of attitude (compass deviation, bias of roll and pitch) and depth (tide), which vary slowly;
-// what dead reckoning, attitude, depth, fixes, visual odometry and loop closures say are its factors
+// dead reckoning, attitude, depth, fixes, visual odometry and loop closures are its factors
 // (sensor_factors.hpp). View-based (Eustice et al. 2006; Mahon et al. 2008): the vehicle's present pose is
 // the newest keyframe's and dead reckoning from there.
 //
@@ -54,13 +56,14 @@ class KeyframeRetirement {
 // DvlCalibration and SharedTurns (errors that all steps and links share), KeyframeRetirement.
 //
 // Each factor that may be an outlier has a weight, set by one of these classes. Closures and fixes must agree
-// with the graph's own covariance before they enter; after, their weight is Cauchy's. Of the horizontal links
-// between two consecutive keyframes one always remains in force: where both are outliers, they are only
-// inflated. Fixed memory, bounded work a call; same calls, same result.
+// with the graph's own covariance before they enter; from then on they have Cauchy weights. At least one
+// horizontal link (DVL or visual odometry) between two consecutive keyframes remains active: where both are
+// outliers, their covariances are only inflated. Memory is fixed and the work of a call bounded; the same
+// calls give the same result.
 //
-// A dive may be of any length: when keyframes, links or the solver are full, the keyframe that is missed
-// least retires, and so do references that no keyframe uses any more. What hung on it hangs on the nearest
-// keyframe in time that is left, where it was.
+// A dive may be of any length: when keyframes, links or the solver are full, the keyframe that adds least
+// information retires, and so do references that no keyframe uses any more. Data attached to it are attached
+// to the nearest remaining keyframe in time, without moving in nav.
 class NavigationGraph {
  public:
   using Retired = RetiredKeyframe;
@@ -71,107 +74,111 @@ class NavigationGraph {
   NavigationGraph(const NavigationGraph&) = delete;
   NavigationGraph& operator=(const NavigationGraph&) = delete;
 
-  // Where odom's origin is in nav as far as known when the first keyframe comes
-  // (nav - odom, horizontal), and its standard deviation; a kilometre if never
-  // given. And as positions of the USBL have it, without what they share.
+  // Prior of the odom origin in nav, set before the first keyframe: horizontal shift (nav - odom) and its
+  // standard deviation [m], a kilometre if never set. setUsblAnchor(): the same from positions of the USBL,
+  // without the error that all of them share.
   void setAnchor(const Eigen::Vector2d& shift, double sigma) { fixes_.setAnchor(shift, sigma); }
   void setUsblAnchor(const Eigen::Vector2d& shift, double sigma) { fixes_.setUsblAnchor(shift, sigma); }
 
-  // The keyframe's number, counting from 0 over the whole dive;
-  // std::nullopt when there is no room and none can retire.
+  // The keyframe's number, counting from 0 over the whole dive; std::nullopt when there is no room and none
+  // can retire.
   std::optional<int> addKeyframe(const KeyframeInput& input);
-  // By the last addKeyframe(), in their order: one may be `onto` of an earlier one.
+  // Keyframes that the last addKeyframe() retired, in that order: an entry's keyframe may be the `onto` of an
+  // earlier entry.
   [[nodiscard]] std::span<const Retired> retired() const { return retirement_.retired(); }
 
-  // Keyframe b seen from a, with the covariance of covariance(). Of keyframes that step() has taken in.
+  // T_a_b of the cameras of two keyframes that step() has processed, with its covariance as covariance() has
+  // it.
   [[nodiscard]] Prediction predict(int a, int b) { return fixes_.predict(a, b); }
 
-  // T_a_b of two keyframes' cameras as they saw each other, with the covariance of its right perturbation.
-  // Visual odometry of the newest step, before step(), is judged with the step's other sensors. A closure
-  // that contradicts what is known is rejected, until `reject_after` that agree with each other say the same.
-  // `confirmed`: visual odometry from an earlier keyframe, without dead reckoning as prior, says the same.
+  // Adds the measured T_a_b of two keyframes' cameras, with the covariance of its right perturbation. Visual
+  // odometry of the newest step, added before step(), is tested with the step's other sensors. A closure that
+  // contradicts the graph is rejected, until `reject_after` closures that agree with each other support it.
+  // `confirmed`: visual odometry from an earlier keyframe, matched without dead reckoning as prior, agrees.
   Taken addLink(LinkKind kind, int a, int b, const SE3& seen, const Matrix6d& covariance,
                 bool confirmed = false) {
     return links_.add(kind, a, b, seen, covariance, confirmed);
   }
-  // Replaces visual odometry of the step to a keyframe: its features are
-  // seen through a rig that is known better.
+  // Replaces the visual odometry of the step to a keyframe by one computed with an improved rig calibration.
   void renewOdometry(int keyframe, const SE3& seen, const Matrix6d& covariance) {
     turns_.renewOdometry(keyframe, seen, covariance);
   }
   // A position fix of an antenna at `antenna_in_odom`, whenever it arrives: it holds at keyframe `at`, the
-  // nearest in time, and odometry gives the path between. `sigma`: of either component [m]. `by_usbl`: shares
-  // its shift and turn with all other positions of the USBL (SensorNoise), which are a pose of the graph.
+  // nearest in time, and odometry gives the path between. `sigma`: of either component [m]. `by_usbl`: all
+  // positions of the USBL share one unknown shift and rotation (SensorNoise), which is a pose of the graph.
   Taken addFix(int at, const Eigen::Vector3d& antenna_in_odom, const Eigen::Vector2d& north_east,
                double sigma, bool by_usbl) {
     return fixes_.add(at, antenna_in_odom, north_east, sigma, by_usbl);
   }
 
-  // The rig that visual odometry looks through was changed so that its
-  // ranges grew by (scale [1], per metre [1/m]); see DvlCalibration.
+  // Takes note that the rig of visual odometry was changed so that its ranges grew by (scale [1], per metre
+  // [1/m]); see DvlCalibration.
   void rigChanged(const Eigen::Vector2d& growth) { turns_.rigChanged(growth); }
-  // It was measured for the first time, or again after a knock: DvlCalibration::resetRig(). What steps after
-  // `since_ns` contradicted was the rig's error, not the DVL's: `knocked`, their visual odometry is rejected.
+  // Takes note that the rig was calibrated for the first time, or again after a knock:
+  // DvlCalibration::resetRig(). Contradictions between visual odometry and DVL in steps after `since_ns` are
+  // attributed to the rig; if `knocked`, the visual odometry of these steps is rejected.
   void resetRig(double turn_sigma, std::int64_t since_ns, bool knocked);
 
-  // Judges the newest step by all that has come of it; addKeyframe() and step() do so.
+  // Tests the newest step with all data that have come of it; addKeyframe() and step() do so.
   void judge() {
     if (!steps_.judge()) fixes_.noteUnconfirmed(keyframes_.back().utc_ns);
   }
-  // A bounded part of the work that is to do.
+  // Does a bounded amount of pending optimisation.
   StepReport step();
 
-  // So far: the newest has this number less one. Nothing may be asked of a keyframe that has retired.
+  // How many keyframes were ever added; the newest has this number less one. A keyframe that has retired must
+  // not be passed to the functions below, has() excepted.
   [[nodiscard]] int keyframes() const { return keyframes_.next(); }
   [[nodiscard]] bool has(int keyframe) const { return keyframes_.has(keyframe); }
-  // Those that have not retired, rising.
+  // Keyframes that have not retired, in increasing order.
   [[nodiscard]] std::span<const int> living() const { return keyframes_.living(); }
   [[nodiscard]] const SE3& pose(int keyframe) const { return keyframes_.pose(keyframe); }  // T_nav_cam
   [[nodiscard]] const SE3& odometry(int keyframe) const { return keyframes_[keyframe].T_odom_cam; }
   [[nodiscard]] std::int64_t utcNs(int keyframe) const { return keyframes_[keyframe].utc_ns; }
-  // Of its right perturbation: the graph's, and what links share that it takes for independent. Of their
-  // turns (DvlCalibration::curl()) that is what they move each pose by (SharedByPose). Else, to first order,
-  // it is an error e of the scale of all paths (SensorNoise::visual_scale, or the DVL's where no image has
-  // calibrated it) and one h of their direction (the DVL's mounting likewise), which move a place by e d + h
-  // (down x d), d from the middle of the fixes, which hold the survey there; fixes apart from each other
-  // estimate e and h in turn.
+  // Covariance of the right perturbation of a keyframe's pose: the graph's marginal covariance, plus errors
+  // that links share although the graph takes them for independent:
+  // - their common yaw errors (DvlCalibration::curl()), as they move each pose (SharedByPose);
+  // - a common error of scale e (SensorNoise::visual_scale, or the DVL's where no image has calibrated it)
+  // and
+  //   of heading h (likewise the DVL's mounting). To first order they move a position by e d + h (down x d),
+  //   where d is its offset from the centroid of the fixes; fixes far apart bound e and h.
   [[nodiscard]] Matrix6d covariance(int keyframe) { return fixes_.covariance(keyframe); }
-  // From the newest keyframe: where odom is now. By the anchors without keyframes.
+  // The present pose of odom in nav, from the newest keyframe; without keyframes from the anchors.
   [[nodiscard]] SE3 T_nav_odom() const;
   // Compass deviation at the newest keyframe [rad].
   [[nodiscard]] double deviation() const { return references_.deviation(); }
-  // What all positions of the USBL are found to share: where their frame is, less where it was before
-  // [m, north and east], and its turn; identity where none has come.
+  // Estimated error that all positions of the USBL share, relative to its prior: shift [m, north and east]
+  // and rotation; identity without positions of the USBL.
   [[nodiscard]] SE3 usblCorrection() const { return fixes_.usblCorrection(); }
-  // Height of the sea over nav's zero at the newest reference of depth, or
-  // what the pressure sensor reads too much [m].
+  // Height of the sea surface over nav's zero at the newest depth reference, inseparable from an offset of
+  // the pressure sensor [m].
   [[nodiscard]] double seaHeight() const { return references_.seaHeight(); }
 
   // The keyframe that has moved most since its pose was last taken here; std::nullopt when none moved by more
-  // than change_m or change_rad. Taking it marks it as known.
+  // than change_m or change_rad. The call marks it as known.
   std::optional<int> takeChange() { return keyframes_.takeChange(); }
   // Marks all as known.
   void takeAllChanges() { keyframes_.takeAllChanges(); }
   [[nodiscard]] std::size_t changesWaiting() const { return keyframes_.changesWaiting(); }
 
   [[nodiscard]] const Counters& counters() const { return keyframes_.counters(); }
-  // Whether the newest step, or more before it, contradicts the DVL: the distance that it gives is void.
+  // Whether the newest step, or several steps up to it, contradict the DVL, so that its distance is not used.
   [[nodiscard]] bool dvlContradicted() const { return steps_.dvlContradicted(); }
 
-  // Poses and what the sensors alone say of them, as a batch solver takes it: all factors that are in force
-  // but links and fixes. Pose 0 is nav's origin. Of a graph of which nothing has retired.
+  // Poses and all active factors except links and fixes, for a batch solver. Pose 0 is nav's origin. For a
+  // graph of which nothing has retired.
   [[nodiscard]] PoseGraph sensorGraph() const;
   [[nodiscard]] int node(int keyframe) const { return keyframes_[keyframe].node; }
   [[nodiscard]] const DvlCalibration& dvl() const { return dvl_; }
-  // Whether the visual odometry of the step to a keyframe is an inlier; true where there is none. And the
-  // weight of its information; 0 where there is none.
+  // Whether the visual odometry of the step to a keyframe is an inlier; true where there is none.
   [[nodiscard]] bool visualInlier(int keyframe) const { return !keyframes_[keyframe].visualRejected(); }
+  // Weight of the information of that visual odometry; 0 where there is none.
   [[nodiscard]] double visualWeight(int keyframe) const;
   [[nodiscard]] const IncrementalSolver& solver() const { return keyframes_.solver(); }
   [[nodiscard]] std::size_t memoryBytes() const;
 
-  // Into a graph of the same configuration: every pose bit by bit, the solver's factor built again. A graph
-  // whose load() failed is of no use.
+  // Saves every pose bit by bit; load(), into a graph of the same configuration, builds the solver's factor
+  // again. A graph whose load() failed must not be used.
   void save(rt::StateWriter& writer) const;
   [[nodiscard]] bool load(rt::StateReader& reader);
 

@@ -72,7 +72,7 @@ std::shared_ptr<const LayerPatch> PatchMosaic::patchOf(const TileId& tile, Patch
   recent_.push_front(key);
   kept.place = recent_.begin();
   kept_bytes_ += kept.bytes;
-  const auto result = kept.patch;
+  auto result = kept.patch;
   kept_.emplace(key, std::move(kept));
   while (kept_bytes_ > kKeptBytes && recent_.size() > 1) {
     const auto oldest = kept_.find(recent_.back());

@@ -118,10 +118,11 @@ PlaneSums planeSums(const TerrainView& view) {
     if (std::isfinite(view.elevation[k])) mean += static_cast<double>(view.elevation[k]), ++known;
   mean = known > 0 ? mean / known : 0;
   PlaneSums sums(whole.rows, whole.columns);
+  const std::int32_t middle_row = whole.rows / 2, middle_column = whole.columns / 2;
   for (std::int32_t n = 0; n < whole.rows; ++n) {
     for (std::int32_t e = 0; e < whole.columns; ++e) {
       const double z = static_cast<double>(view.elevation[whole.at(n, e)]) - mean;
-      const double dn = n - whole.rows / 2, de = e - whole.columns / 2;
+      const double dn = n - middle_row, de = e - middle_column;
       sums.set(n, e,
                std::isfinite(z) ? PlaneSums::Terms{1, dn, de, dn * dn, dn * de, de * de, z, dn * z, de * z}
                                 : PlaneSums::Terms{});

@@ -157,7 +157,7 @@ bool solveByGrowingFactor(PoseGraph& graph, const BatchOptions& options, BatchRe
   config.update_quota = 1;
   config.kept_last = 0;
   config.least_decrease = options.min_decrease;
-  config.least_effect = config.another_from = 0;
+  config.least_effect = config.continue_from = 0;
   IncrementalSolver solver(config);
   result.converged = false;
   for (const SE3& pose : graph.poses)
@@ -199,7 +199,7 @@ void solveByCholesky(PoseGraph& graph, const Unknowns& u, const BatchOptions& op
                      const std::function<void(int iteration, double chi2)>& progress) {
   BlockCholesky system(u.count, kBlockSize, u.pairs);
   PoseGraph best = graph;
-  double damping = 0, chi2 = result.chi2_start;
+  double damping = 0;
   int uphill = 0;  // steps since the best poses
   bool factored = false;
   while (!result.converged && result.iterations < options.max_iterations) {
@@ -212,7 +212,7 @@ void solveByCholesky(PoseGraph& graph, const Unknowns& u, const BatchOptions& op
     }
     ++result.iterations;
     PoseGraph next = graph;
-    chi2 = NAN;
+    double chi2 = NAN;
     factored = system.factorize(damping);
     if (factored) {
       const Eigen::VectorXd step = system.solve(-gradient);

@@ -18,10 +18,10 @@ using Matrix63 = Eigen::Matrix<double, 6, 3>;
 using Matrix43 = Eigen::Matrix<double, 4, 3>;
 using Matrix46 = Eigen::Matrix<double, 4, 6>;
 
-constexpr std::size_t kPointBlock = 2048;  // points that are marginalised at once
+constexpr std::size_t kPointBlock = 2048;  // points that are marginalised in one parallel loop
 constexpr double kNearestPoint_m = 1e-3;
 
-// Pixel of a point in a camera's frame, with its derivative.
+// Derivative of a point's pixel by the point in the camera's frame.
 Eigen::Matrix<double, 2, 3> derivative(const Camera& camera, const Eigen::Vector3d& p) {
   const Eigen::Vector2d n = p.head<2>() / p.z();
   Eigen::Matrix<double, 2, 3> by_point;
@@ -29,8 +29,7 @@ Eigen::Matrix<double, 2, 3> derivative(const Camera& camera, const Eigen::Vector
   return camera.pixelJacobian(n) * by_point;
 }
 
-// Of one sighting: place in the left image, then the right pixel about
-// the left one [px], seen less projected.
+// Residual of one sighting, seen less projected [px]: the left pixel, then the right pixel less the left one.
 struct Residual {
   Eigen::Vector4d error;
   Matrix43 by_point_in_camera;
@@ -48,12 +47,12 @@ bool residualOf(const StereoRig& rig, const Bundle::Sighting& seen, const Eigen:
   return true;
 }
 
-// What is left of a point's sightings once it is solved for: a quadratic in the poses of its views.
+// Schur complement of one point: a quadratic cost in the poses of the views that see it.
 struct Marginal {
-  std::vector<Matrix6d> diagonal, pairs;  // of each view; of each two, the earlier in the row
+  std::vector<Matrix6d> diagonal, pairs;  // blocks of each view; of views i < j, row i
   std::vector<Vector6d> gradient;
   double cost = 0;
-  Eigen::Vector2d squares = Eigen::Vector2d::Zero();  // of places and matches, weighed
+  Eigen::Vector2d squares = Eigen::Vector2d::Zero();  // weighted: left pixels, and right less left
   double weight = 0;                                  // of all sightings
   bool good = false;
 };
@@ -61,7 +60,11 @@ struct Marginal {
 class Adjuster {
  public:
   Adjuster(Bundle& bundle, const BundleConfig& config, const ForEach& for_each)
-      : bundle_(bundle), config_(config), for_each_(for_each), place_(config.place), match_(config.match) {
+      : bundle_(bundle),
+        config_(config),
+        for_each_(for_each),
+        sigma_left_(config.place),
+        sigma_match_(config.match) {
     const std::size_t points = bundle.first.size() - 1;
     points_.resize(points);
     for (std::size_t k = 0; k < points; ++k) {
@@ -76,22 +79,22 @@ class Adjuster {
       }
       points_[k] = count > 0 ? Eigen::Vector3d(sum / count) : sum;
     }
-    lay();
+    buildStructure();
   }
 
   BundleResult run() {
     BundleResult out;
     out.points = points_.size();
     out.sightings = bundle_.sightings.size();
-    constexpr int kSettling = 3;  // steps after which the noise is as it will be
+    constexpr int kSettling = 3;  // the estimate of the noise is kept after this step, counted from 0
     double damping = 0;
     double cost = assemble();
-    out.place_before = place_found_;
+    out.place_before = sigma_left_found_;
     for (int step = 0; step < config_.steps; ++step) {
       out.steps = step + 1;
       if (step <= kSettling) {
-        place_ = std::max(place_found_, kLeastNoise);
-        match_ = std::max(match_found_, kLeastNoise);
+        sigma_left_ = std::max(sigma_left_found_, kLeastNoise);
+        sigma_match_ = std::max(sigma_match_found_, kLeastNoise);
         cost = assemble();
       }
       if (!system_->factorize(damping)) {
@@ -104,8 +107,8 @@ class Adjuster {
       for (std::size_t i = 0; i < poses.size(); ++i)
         if (of_pose_[i] >= 0)
           bundle_.graph.poses[i] = poses[i] * SE3::exp(Vector6d(delta.segment<6>(6 * of_pose_[i])));
-      const double moved = assemble();
-      if (moved > cost) {
+      const double new_cost = assemble();
+      if (new_cost > cost) {
         bundle_.graph.poses = poses;
         points_ = points;
         damping = std::max(10 * damping, kFirstDamping);
@@ -113,22 +116,22 @@ class Adjuster {
         if (damping > kMostDamping) break;
         continue;
       }
-      const bool still = cost - moved < kLeastDecrease * cost;
-      cost = moved;
+      const bool small_decrease = cost - new_cost < kLeastDecrease * cost;
+      cost = new_cost;
       damping = damping > kFirstDamping ? damping / 10 : 0;
-      if (still && step > kSettling) {
+      if (small_decrease && step > kSettling) {
         out.converged = true;
         break;
       }
     }
-    out.place_after = place_found_;
-    out.place = place_;
-    out.match = match_;
+    out.place_after = sigma_left_found_;
+    out.place = sigma_left_;
+    out.match = sigma_match_;
     return out;
   }
 
  private:
-  static constexpr double kLeastNoise = 0.02;  // no matching is better [px]
+  static constexpr double kLeastNoise = 0.02;  // floor of the noise's estimate [px]
   static constexpr double kFirstDamping = 1e-6, kMostDamping = 1e3;
   static constexpr double kLeastDecrease = 1e-4;  // of the cost, relative
 
@@ -141,11 +144,11 @@ class Adjuster {
   }
 
   // Finds the poses that are solved for, and the pairs of them that share an edge or a point.
-  void lay() {
+  void buildStructure() {
     const PoseGraph& graph = bundle_.graph;
     UnionFind parts(graph.poses.size());
     std::vector<BlockCholesky::Pair> pairs;
-    const auto meet = [&](int a, int b) {
+    const auto connect = [&](int a, int b) {
       parts.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
       pairs.push_back({std::min(a, b), std::max(a, b)});
     };
@@ -153,12 +156,12 @@ class Adjuster {
       std::sort(pairs.begin(), pairs.end());
       pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
     };
-    for (const RelativePose& e : graph.edges) meet(e.from, e.to);
+    for (const RelativePose& e : graph.edges) connect(e.from, e.to);
     std::size_t most = 2 * pairs.size() + kPointBlock;
     for (std::size_t k = 0; k < points_.size(); ++k) {
       const auto seen = sightingsOf(k);
       for (std::size_t i = 0; i < seen.size(); ++i)
-        for (std::size_t j = i + 1; j < seen.size(); ++j) meet(nodeOf(seen[i]), nodeOf(seen[j]));
+        for (std::size_t j = i + 1; j < seen.size(); ++j) connect(nodeOf(seen[i]), nodeOf(seen[j]));
       if (pairs.size() > most) {
         unique();
         most = 2 * pairs.size() + kPointBlock;
@@ -188,7 +191,8 @@ class Adjuster {
       system_->addPair6(k, values);
   }
 
-  // Normal equations at the present poses; the cost there. Points move to where they are best seen from.
+  // Optimises every point for the present poses and builds the normal equations of the poses; returns the
+  // cost.
   double assemble() {
     system_->setZero();
     gradient_.setZero();
@@ -235,8 +239,8 @@ class Adjuster {
       }
     }
     if (weight > 0) {
-      place_found_ = std::sqrt(squares.x() / weight);
-      match_found_ = std::sqrt(squares.y() / weight);
+      sigma_left_found_ = std::sqrt(squares.x() / weight);
+      sigma_match_found_ = std::sqrt(squares.y() / weight);
     }
     return cost;
   }
@@ -247,26 +251,26 @@ class Adjuster {
     const auto seen = sightingsOf(point);
     const std::size_t n = seen.size();
     Eigen::Vector4d scale;
-    scale << Eigen::Vector2d::Constant(1 / place_), Eigen::Vector2d::Constant(1 / match_);
+    scale << Eigen::Vector2d::Constant(1 / sigma_left_), Eigen::Vector2d::Constant(1 / sigma_match_);
     scale /= config_.widened;
     std::vector<Residual> residuals(n);
     std::vector<double> weights(n);
     Eigen::Matrix3d information, inverse;
-    Eigen::Vector3d slope;
-    Eigen::Vector3d& place = points_[point];
+    Eigen::Vector3d gradient;
+    Eigen::Vector3d& position = points_[point];
     for (int round = 0; round < kRounds; ++round) {
       information.setZero();
-      slope.setZero();
+      gradient.setZero();
       out.cost = out.weight = 0;
       out.squares.setZero();
       for (std::size_t i = 0; i < n; ++i) {
         const SE3& T = poseOf(seen[i]);
         Residual& r = residuals[i];
-        if (!residualOf(bundle_.rig, seen[i], T.inverse() * place, r)) return;
-        const double bend = config_.loss * config_.loss;
+        if (!residualOf(bundle_.rig, seen[i], T.inverse() * position, r)) return;
+        const double loss2 = config_.loss * config_.loss;
         const double chi2 = r.error.cwiseProduct(scale).squaredNorm() * config_.widened * config_.widened;
-        weights[i] = 1 / (1 + chi2 / bend);
-        out.cost += bend * std::log1p(chi2 / bend) / (config_.widened * config_.widened);
+        weights[i] = 1 / (1 + chi2 / loss2);
+        out.cost += loss2 * std::log1p(chi2 / loss2) / (config_.widened * config_.widened);
         out.squares += weights[i] *
                        Eigen::Vector2d(r.error.head<2>().squaredNorm(), r.error.tail<2>().squaredNorm()) / 2;
         out.weight += weights[i];
@@ -274,13 +278,13 @@ class Adjuster {
         r.by_point_in_camera = (scale.asDiagonal() * r.by_point_in_camera).eval();
         const Matrix43 by_place = r.by_point_in_camera * T.matrix3().transpose();
         information += weights[i] * by_place.transpose() * by_place;
-        slope += weights[i] * by_place.transpose() * r.error;
+        gradient += weights[i] * by_place.transpose() * r.error;
       }
       inverse = information.inverse();
       if (!inverse.allFinite()) return;
-      if (round + 1 < kRounds) place -= inverse * slope;
+      if (round + 1 < kRounds) position -= inverse * gradient;
     }
-    // A point takes three degrees of freedom of its sightings.
+    // Solving for the point takes 3 of its sightings' 4 n degrees of freedom.
     const double freedom = 1 - 3.0 / (4.0 * static_cast<double>(n));
     out.weight *= freedom;
     out.diagonal.assign(n, Matrix6d::Zero());
@@ -289,7 +293,7 @@ class Adjuster {
     std::vector<Matrix63> coupling(n);
     for (std::size_t i = 0; i < n; ++i) {
       const SE3& T = poseOf(seen[i]);
-      const Eigen::Vector3d p = T.inverse() * place;
+      const Eigen::Vector3d p = T.inverse() * position;
       Matrix46 by_pose;
       by_pose << -residuals[i].by_point_in_camera, residuals[i].by_point_in_camera * crossMatrix(p);
       const Matrix43 by_place = residuals[i].by_point_in_camera * T.matrix3().transpose();
@@ -300,7 +304,7 @@ class Adjuster {
     for (std::size_t i = 0; i < n; ++i) {
       const Matrix63 half = coupling[i] * inverse;
       out.diagonal[i] -= half * coupling[i].transpose();
-      out.gradient[i] -= half * slope;
+      out.gradient[i] -= half * gradient;
       for (std::size_t j = i + 1; j < n; ++j) out.pairs.push_back(-half * coupling[j].transpose());
     }
     out.good = true;
@@ -309,9 +313,9 @@ class Adjuster {
   Bundle& bundle_;
   const BundleConfig& config_;
   const ForEach& for_each_;
-  double place_, match_, place_found_ = 0, match_found_ = 0;
+  double sigma_left_, sigma_match_, sigma_left_found_ = 0, sigma_match_found_ = 0;
   std::vector<Eigen::Vector3d> points_;
-  std::vector<int> of_pose_;  // -1: held
+  std::vector<int> of_pose_;  // -1: fixed, one of each connected part
   std::vector<BlockCholesky::Pair> pairs_;
   std::unique_ptr<BlockCholesky> system_;
   Eigen::VectorXd gradient_;

@@ -19,7 +19,7 @@ FactorBuilder::FactorBuilder(const Size& size, rt::Arena& arena) {
   first_ = arena.allocateArray<int>(poses);
   kept_ = arena.allocateArray<Measurement>(at(size.kept));
   at_poses_ = arena.allocateArray<SE3>(poses);
-  held_ = arena.allocateArray<std::uint8_t>(poses);
+  fixed_ = arena.allocateArray<std::uint8_t>(poses);
   order_ = arena.allocateArray<int>(poses);
   ordering_ = arena.allocateArray<int>(12 * (poses + 1) + 3 * edges);
   for (std::span<int>* s : {&head_, &link_, &cursor_, &first_child_, &next_sibling_, &place_, &pattern_})
@@ -62,7 +62,7 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
     for (int k = first(i); k >= 0; k = next(k, i)) {
       const Link& m = links_[at(k)];
       const int other = otherEnd(k, i);
-      if (m.from == kWorld || m.weight == 0 || held_[at(i)] || held_[at(other)] || place_[at(other)] == i)
+      if (m.from == kWorld || m.weight == 0 || fixed_[at(i)] || fixed_[at(other)] || place_[at(other)] == i)
         continue;
       place_[at(other)] = i;
       entries[used++] = other;
@@ -80,7 +80,7 @@ void FactorBuilder::order(std::span<const std::uint8_t> newest) {
 // Whether a measurement joins two poses that are solved for.
 bool FactorBuilder::counts(int k) const {
   const Link& m = links_[at(k)];
-  return m.from != kWorld && m.weight > 0 && !held_[at(m.from)] && !held_[at(m.to)];
+  return m.from != kWorld && m.weight > 0 && !fixed_[at(m.from)] && !fixed_[at(m.to)];
 }
 
 // Blocks below the diagonal, row by row: from each earlier neighbour up the elimination tree (Liu 1990), to
@@ -124,7 +124,7 @@ std::int64_t FactorBuilder::begin(std::span<const SE3> poses, std::span<const st
   next_ = 0;
   damping_ = damping;
   std::copy(poses.begin(), poses.end(), at_poses_.begin());
-  std::copy(held.begin(), held.end(), held_.begin());
+  std::copy(held.begin(), held.end(), fixed_.begin());
   order(newest);
   count();
   factor.startColumns(order_.subspan(0, at(poses_)));
@@ -153,10 +153,10 @@ int FactorBuilder::findRows(int j, GrowingFactor& factor) {
     place_[at(row)] = 1;
     pattern_[at(count++)] = row;
   };
-  if (!held_[at(pose)]) {
+  if (!fixed_[at(pose)]) {
     for (int k = first(pose); k >= 0; k = next(k, pose)) {
       const int other = otherEnd(k, pose);
-      if (links_[at(k)].weight > 0 && other != kWorld && !held_[at(other)] && factor.positionOf(other) > j)
+      if (links_[at(k)].weight > 0 && other != kWorld && !fixed_[at(other)] && factor.positionOf(other) > j)
         add(factor.positionOf(other));
     }
   }
@@ -176,15 +176,15 @@ std::int64_t FactorBuilder::addMeasurements(int j, GrowingFactor& factor, std::s
   std::int64_t work = 0;
   Block& diagonal = factor.diagonal(j);
   for (int i = 0; i < kBlockSize; ++i)
-    diagonal(i, i) += held_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
-  for (int k = first(pose); k >= 0 && !held_[at(pose)]; k = next(k, pose)) {
+    diagonal(i, i) += fixed_[at(pose)] ? 1 : GrowingFactor::kLeastInformation;
+  for (int k = first(pose); k >= 0 && !fixed_[at(pose)]; k = next(k, pose)) {
     const Link& m = links_[at(k)];
     if (!(m.weight > 0)) {
       then[at(k)].weight = 0;
       continue;
     }
     const int other = otherEnd(k, pose);
-    const bool free_end = other != kWorld && !held_[at(other)];
+    const bool free_end = other != kWorld && !fixed_[at(other)];
     if (free_end && factor.positionOf(other) < j) continue;  // added with that column
     then[at(k)] = {m.from == kWorld ? SE3() : at_poses_[at(m.from)], at_poses_[at(m.to)], m.weight};
     const Block b = worldDerivative(measurement(k), then[at(k)]);

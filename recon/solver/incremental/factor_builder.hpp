@@ -75,7 +75,7 @@ class FactorBuilder {
   std::span<Link> links_;
   std::span<int> first_;  // of a pose
   std::span<Measurement> kept_;
-  std::span<std::uint8_t> held_;
+  std::span<std::uint8_t> fixed_;
   std::span<int> order_;
   std::span<int> ordering_;  // CAMD's memory
   std::span<int> head_, link_,

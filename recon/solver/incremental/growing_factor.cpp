@@ -79,7 +79,7 @@ bool GrowingFactor::append(int pose) {
   return true;
 }
 
-void GrowingFactor::bury(int position) {
+void GrowingFactor::removePose(int position) {
   const int pose = pose_at_[at(position)];
   if (pose >= 0 && position_of_[at(pose)] == position) position_of_[at(pose)] = -1;
   pose_at_[at(position)] = -1;

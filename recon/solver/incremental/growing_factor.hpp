@@ -51,7 +51,7 @@ class GrowingFactor {
   bool append(int pose);
   // Removes the pose of a position: its unknowns remain with a zero right side, so that the others are solved
   // for as if they had been marginalised.
-  void bury(int position);
+  void removePose(int position);
   // Adds (`sign` 1) or takes away (-1) [b -b]^T [b -b] at rows and columns of two poses; with pose_b < 0, b^T
   // b of one. What is taken away must have been added. Returns the work, in blocks touched; kNoRoom, and
   // nothing is changed, if less than `spare` blocks of the store might be left.

@@ -7,12 +7,12 @@
 namespace fathom::slam {
 namespace {
 
-constexpr double kRefactor = 0.1;    // staleness from which a measurement is exchanged in the factor
-constexpr double kReweighted = 1e9;  // staleness of a measurement with another weight
-constexpr int kSparePart = 16;       // of a factor's store is spared for what joins poses
+constexpr double kRefactor = 0.1;    // staleness from which a measurement is linearised again
+constexpr double kReweighted = 1e9;  // staleness of a measurement whose weight has changed
+constexpr int kSparePart = 16;       // this part of a factor's store is kept for measurements that join poses
 constexpr int kFactorsPerStep = 8;
 constexpr double kUnknownVariance = 1 / GrowingFactor::kLeastInformation;
-constexpr double kClosureMemory = 0.02;  // weight of the newest closure in the share that reaches back little
+constexpr double kNewestClosure = 0.02;  // weight of the newest closure in short_closures_
 
 std::size_t arraysOf(const IncrementalConfig& c) {
   const auto poses = static_cast<std::size_t>(c.max_poses),
@@ -25,15 +25,16 @@ std::size_t arraysOf(const IncrementalConfig& c) {
          kArrays * kAlignment;
 }
 
-// Positions beyond one for each pose: poses that take the place of retired ones while two factors are built.
+// Columns beyond one for each pose: a pose that takes the index of a retired one has a new column until the
+// old factor is dropped.
 GrowingFactor::Size factorSize(const IncrementalConfig& c) {
   constexpr int kLeastSpare = 64, kPosesPerSpare = 8;
   return {c.max_poses, c.max_poses + std::max(kLeastSpare, c.max_poses / kPosesPerSpare),
           c.max_factor_blocks};
 }
 
-// Retired poses give places of measurements away while a factor is built: some hundreds, as it takes a few
-// dozen steps. When they are more, it is begun again.
+// While a factor is built, retired poses free some hundreds of measurements' slots. So many old measurements
+// are kept for the builder; when slots of more are used again, it starts again.
 FactorBuilder::Size builderSize(const IncrementalConfig& c) {
   constexpr int kLeastKept = 256, kMeasurementsPerKept = 16;
   return {c.max_poses, c.max_measurements, std::max(kLeastKept, c.max_measurements / kMeasurementsPerKept)};
@@ -51,8 +52,9 @@ void IncrementalConfig::validate() const {
     throw std::invalid_argument("incremental solver: it needs room for a pose, a measurement and a block");
   if (iterations < 1 || update_quota < 1 || build_quota < 1 || rebuild_after < 1 || kept_last < 0)
     throw std::invalid_argument("incremental solver: a quota of a step is not positive");
-  if (!(least_decrease > 0) || !(least_effect >= 0) || !(another_from >= 0))
-    throw std::invalid_argument("incremental solver: a threshold is not positive");
+  if (!(least_decrease > 0) || !(least_effect >= 0) || !(continue_from >= 0))
+    throw std::invalid_argument(
+        "incremental solver: least_decrease must be positive, other thresholds not negative");
 }
 
 std::size_t IncrementalSolver::bytesNeeded(const IncrementalConfig& c) {
@@ -66,10 +68,10 @@ IncrementalSolver::IncrementalSolver(const IncrementalConfig& config)
       arena_(bytesNeeded(config)),
       measurements_(config.max_poses, config.max_measurements, arena_),
       poses_(arena_.allocateArray<SE3>(at(config.max_poses))),
-      held_(arena_.allocateArray<std::uint8_t>(at(config.max_poses))),
-      born_(arena_.allocateArray<std::int64_t>(at(config.max_poses))),
+      fixed_(arena_.allocateArray<std::uint8_t>(at(config.max_poses))),
+      created_(arena_.allocateArray<std::int64_t>(at(config.max_poses))),
       free_(arena_.allocateArray<int>(at(config.max_poses))),
-      errors_(measurements_, poses_, held_, config.max_measurements, arena_),
+      errors_(measurements_, poses_, fixed_, config.max_measurements, arena_),
       factor_work_(factorSize(config), arena_),
       factors_{Factor{GrowingFactor(factorSize(config), arena_, factor_work_), {}, {}, {}, {}},
                Factor{GrowingFactor(factorSize(config), arena_, factor_work_), {}, {}, {}, {}}},
@@ -97,8 +99,8 @@ AddStatus IncrementalSolver::addPose(const SE3& T_world_pose, int* index) {
   if (free_count_ == 0 && poses_count_ == config_.max_poses) return AddStatus::kFull;
   if (!isFinite(T_world_pose)) return AddStatus::kBadMeasurement;
   const int pose = free_count_ > 0 ? free_[at(--free_count_)] : poses_count_++;
-  held_[at(pose)] = births_ == 0;
-  born_[at(pose)] = births_++;
+  fixed_[at(pose)] = poses_ever_ == 0;
+  created_[at(pose)] = poses_ever_++;
   poses_[at(pose)] = best_[at(pose)] = T_world_pose;
   active().poses_to_come.push(pose);
   if (building_) factors_[at(1 - active_)].poses_to_come.push(pose);
@@ -107,7 +109,7 @@ AddStatus IncrementalSolver::addPose(const SE3& T_world_pose, int* index) {
 }
 
 bool IncrementalSolver::startAt(int pose, const SE3& T_world_pose) {
-  if (held_[at(pose)] || active().factor.has(pose)) return false;
+  if (fixed_[at(pose)] || active().factor.has(pose)) return false;
   poses_[at(pose)] = best_[at(pose)] = T_world_pose;
   return true;
 }
@@ -121,12 +123,13 @@ AddStatus IncrementalSolver::addMeasurement(const RelativePose& measurement, int
   fresh_[at(fresh_count_++)] = k;
   if (index != nullptr) *index = k;
   if (measurement.from == kWorld) return status;
-  const std::int64_t apart = std::abs(born_[at(measurement.to)] - born_[at(measurement.from)]);
-  if (apart > 1) closes_late_ += kClosureMemory * ((apart <= config_.kept_last ? 1.0 : 0.0) - closes_late_);
+  const std::int64_t apart = std::abs(created_[at(measurement.to)] - created_[at(measurement.from)]);
+  if (apart > 1)
+    short_closures_ += kNewestClosure * ((apart <= config_.kept_last ? 1.0 : 0.0) - short_closures_);
   return status;
 }
 
-// Into measurements; the place may be one that the next factor is still to be built from.
+// Stores a measurement; the factor that is being built may still need what its slot held.
 AddStatus IncrementalSolver::take(const RelativePose& measurement, bool composed, int* index) {
   if (building_ && !builder_.keep(measurements_.nextPlace())) building_ = false;
   return measurements_.add(measurement, poses_count_, index, composed);
@@ -146,18 +149,18 @@ bool IncrementalSolver::setWeight(int k, double weight) {
   return true;
 }
 
-// Adds or takes away a measurement as `in_factor` says.
+// Rank update (sign 1) or downdate (-1) of a factor by a measurement as it was linearised in `in_factor`.
 std::int64_t IncrementalSolver::update(Factor& f, double sign, int k) {
   const Measurement& m = measurements_[k];
   const InFactor& then = f.in_factor[at(k)];
-  const bool from = m.from != kWorld && !held_[at(m.from)], to = !held_[at(m.to)];
+  const bool from = m.from != kWorld && !fixed_[at(m.from)], to = !fixed_[at(m.to)];
   if (then.weight == 0 || (!from && !to)) return 0;
   const std::int64_t spare = config_.max_factor_blocks / kSparePart;
   return f.factor.update(sign, worldDerivative(m, then), to ? m.to : m.from, from && to ? m.from : -1,
                          joins(k) ? 0 : spare);
 }
 
-// New measurements enter errors now, and factors as they can.
+// New measurements enter the cost now, and the factors as the quota allows.
 void IncrementalSolver::takeNew() {
   if (fresh_count_ == 0) return;
   restartSearch();
@@ -173,15 +176,15 @@ void IncrementalSolver::takeNew() {
   errors_.refresh();
 }
 
-// Forgets what was found on the descent, as chi2 is no longer that of the same measurements.
+// Resets the line search, as chi2 is now of other measurements.
 void IncrementalSolver::restartSearch() {
   restart_ = true;
   at_minimum_ = false;
   rises_ = 0;
 }
 
-// Brings a factor up to the present poses and measurements, within a quota of work. A pose enters with the
-// first measurement that names it: without any, the factor would let it go anywhere.
+// Adds waiting poses and measurements to a factor, within a quota of work. A pose enters with its first
+// measurement: without any it would be unconstrained.
 std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
   const auto append = [&] {
     if (f.poses_to_come.empty() || !f.factor.append(f.poses_to_come.front())) return false;
@@ -196,15 +199,15 @@ std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
   for (; !f.to_come.empty() && work < quota; f.to_come.pop()) {
     const int k = f.to_come.front();
     const Measurement& m = measurements_[k];
-    // Without a position, a pose waits for the next factor, and what measures it.
+    // Without a free column, the pose and its measurements wait for the next factor.
     if (!has(m.to) || (m.from != kWorld && !has(m.from))) return work;
     f.in_factor[at(k)] = {errors_.fromPose(m), poses_[at(m.to)], m.weight};
     const std::int64_t done = update(f, 1, k);
     setPart(f, k, done == GrowingFactor::kNoRoom ? Part::kLeftOut : Part::kItself);
     if (done != GrowingFactor::kNoRoom) {
       work += done;
-    } else if (joins(k)) {  // this pose waits too
-      f.factor.bury(f.factor.positionOf(laterEnd(k)));
+    } else if (joins(k)) {  // nothing else constrains this pose: it waits too
+      f.factor.removePose(f.factor.positionOf(laterEnd(k)));
       urgent_ = urgent_ || &f == &active();
     }
   }
@@ -212,24 +215,24 @@ std::int64_t IncrementalSolver::extend(Factor& f, std::int64_t quota) {
   return work;
 }
 
-// How far a measurement's derivative in the active factor is from the present one: turns of its poses [rad],
-// and shifts over the lever.
+// How far a measurement's linearisation in the active factor is from the present poses: their rotations
+// [rad], and their translations over the measurement's lever arm.
 double IncrementalSolver::staleness(int k) const {
   const Measurement& m = measurements_[k];
   const InFactor& then = active().in_factor[at(k)];
   if (m.weight != then.weight) return kReweighted;
   if (m.weight == 0) return 0;
   const SE3& to = poses_[at(m.to)];
-  const auto turn = [](const SE3& a, const SE3& b) {
+  const auto angle = [](const SE3& a, const SE3& b) {
     return 2 * (a.rotation().conjugate() * b.rotation()).vec().norm();
   };
-  return (to.translation() - then.T_w_to.translation()).norm() / m.lever + turn(to, then.T_w_to) +
+  return (to.translation() - then.T_w_to.translation()).norm() / m.lever + angle(to, then.T_w_to) +
          (m.from == kWorld ? 0
-                           : turn(then.T_w_to.inverse() * then.T_w_from, to.inverse() * poses_[at(m.from)]));
+                           : angle(then.T_w_to.inverse() * then.T_w_from, to.inverse() * poses_[at(m.from)]));
 }
 
-// Measurements that have become stale in the active factor: a few are exchanged there, the most changed
-// first; many make the next factor urgent.
+// Linearises stale measurements of the active factor again, the stalest first, within a quota; many of them
+// make the next factor urgent.
 void IncrementalSolver::refresh(StepReport& report) {
   const int held = measurements_.size();
   for (int k = 0; k < held; ++k)
@@ -247,7 +250,7 @@ void IncrementalSolver::refresh(StepReport& report) {
     in_factor = now;
     *worst = 0;
     const std::int64_t done = update(active(), 1, k);
-    if (done == GrowingFactor::kNoRoom) {  // it was switched off when the factor was built
+    if (done == GrowingFactor::kNoRoom) {  // its weight was 0 when the factor was built, so it has no blocks
       in_factor = then;
       setPart(active(), k, Part::kLeftOut);
       continue;
@@ -269,7 +272,7 @@ StepReport IncrementalSolver::step() {
   report.update_work = extend(active(), config_.update_quota);
   if (const int taken = before - active().to_come.size(); taken > 0)
     work_of_update_ = report.update_work / taken + 1;
-  // With a factor that is out of date, poses would move to no purpose and make the next one old as well. A
+  // With an outdated factor, iterations would be wasted and would make the factor being built stale too. A
   // small graph takes several factors in one step.
   int iterations = 0, rounds = 0;
   do {
@@ -278,7 +281,7 @@ StepReport IncrementalSolver::step() {
     iterations = 0;
     while (!urgent_ && iterations < config_.iterations && iterate(report)) {
       ++iterations;
-      if (report.decrease_expected < config_.another_from * errors_.chi2()) break;
+      if (report.decrease_expected < config_.continue_from * errors_.chi2()) break;
     }
   } while (urgent_ && iterations > 0 && ++rounds < kFactorsPerStep &&
            report.solve_work + report.update_work + report.build_work + work_of_build_ < config_.build_quota);
@@ -290,7 +293,7 @@ StepReport IncrementalSolver::step() {
 }
 
 Matrix6d IncrementalSolver::covariance(int i) {
-  if (held_[at(i)]) return Matrix6d::Zero();
+  if (fixed_[at(i)]) return Matrix6d::Zero();
   if (!active().factor.has(i)) return kUnknownVariance * Matrix6d::Identity();
   Matrix6d world;
   active().factor.covariance(i, -1, world.data());
@@ -302,8 +305,8 @@ Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
   Matrix6d world = Matrix6d::Zero();  // of the difference of their perturbations
   if (a == b) return world;
   if (!active().factor.has(a) || !active().factor.has(b)) return kUnknownVariance * Matrix6d::Identity();
-  if (held_[at(a)] || held_[at(b)]) {
-    active().factor.covariance(held_[at(a)] ? b : a, -1, world.data());
+  if (fixed_[at(a)] || fixed_[at(b)]) {
+    active().factor.covariance(fixed_[at(a)] ? b : a, -1, world.data());
   } else {
     Eigen::Matrix<double, 12, 12> both;
     active().factor.covariance(a, b, both.data());
@@ -314,14 +317,14 @@ Matrix6d IncrementalSolver::relativeCovariance(int a, int b) {
   return own * world * own.transpose();
 }
 
-Matrix6d IncrementalSolver::pull(int measurement) const {
+Matrix6d IncrementalSolver::gradientPerError(int measurement) const {
   const Measurement& m = measurements_[measurement];
   const Block b = worldDerivative(m, {errors_.fromPose(m), pose(m.to), m.weight});
   return Eigen::Map<const Matrix6d>(b.v).transpose() * rootByPerturbation(m);
 }
 
-void IncrementalSolver::solve(std::span<const double> pulls, std::span<double> moved) {
-  (void)active().factor.solve(pulls.data(), solved_.data(), 0);
+void IncrementalSolver::solve(std::span<const double> gradients, std::span<double> moved) {
+  (void)active().factor.solve(gradients.data(), solved_.data(), 0);
   for (int i = 0; i < poses_count_; ++i)
     if (active().factor.has(i))
       std::copy_n(&solved_[at(kBlockSize * i)], kBlockSize, &moved[at(kBlockSize * i)]);

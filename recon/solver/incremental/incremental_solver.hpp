@@ -44,7 +44,7 @@ struct IncrementalConfig {
   std::int64_t max_factor_blocks = 200000;  // below the diagonal, of each of two factors; 292 bytes each
   int iterations = 3;                       // of a step with one factor, at most
   // Share of chi2 that an iteration must have promised for another to follow in the same step.
-  double another_from = 0.01;
+  double continue_from = 0.01;
   std::int64_t update_quota = 60000;   // of a step, to take measurements into the factor
   std::int64_t build_quota = 40000;    // of a step, for the next factor
   std::int64_t urgent_quota = 150000;  // the same, when most of the present factor is out of date
@@ -131,7 +131,7 @@ class IncrementalSolver {
   // from where the last call ended; -1: none.
   int leastNeeded(int keep, std::span<const std::uint8_t> must_stay);
   int leastNeeded(int keep) { return leastNeeded(keep, {}); }
-  bool isRetired(int i) const { return born_[at(i)] < 0; }
+  bool isRetired(int i) const { return created_[at(i)] < 0; }
   std::int64_t retired() const { return retired_; }  // so far
 
   int size() const { return poses_count_; }  // indices are below; without poses retired, their number
@@ -158,8 +158,8 @@ class IncrementalSolver {
   // Gradient by the perturbation of a measurement's `to`, and less that of `from`, per error of its T_from_to
   // (right perturbation): information times perturbation. And the solution of the normal equations with such
   // gradients, six numbers for each of max_poses; poses that the factor does not have yet keep theirs.
-  [[nodiscard]] Matrix6d pull(int measurement) const;
-  void solve(std::span<const double> pulls, std::span<double> moved);
+  [[nodiscard]] Matrix6d gradientPerError(int measurement) const;
+  void solve(std::span<const double> gradients, std::span<double> moved);
 
   std::size_t memoryBytes() const { return arena_.capacity(); }
   std::int64_t factorBlocks() const { return active().factor.blocksInUse(); }
@@ -236,9 +236,9 @@ class IncrementalSolver {
   rt::Arena arena_;
   Measurements measurements_;
   std::span<SE3> poses_;
-  std::span<std::uint8_t> held_;
-  std::span<std::int64_t> born_;  // number of poses that came before; -1: retired
-  std::span<int> free_;           // indices of retired poses
+  std::span<std::uint8_t> fixed_;
+  std::span<std::int64_t> created_;  // number of poses that came before; -1: retired
+  std::span<int> free_;              // indices of retired poses
   PresentErrors errors_;
   GrowingFactor::Work factor_work_;
   std::array<Factor, 2> factors_;
@@ -258,10 +258,11 @@ class IncrementalSolver {
   double damping_ = 0;           // of the next factor
   std::int64_t moves_ = 0;       // of poses by iterations
   std::int64_t next_start_ = 0;  // births of measurements before poses may be recomposed
-  double closes_late_ = 1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
+  double short_closures_ =
+      1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
-  std::int64_t births_ = 0, retired_ = 0;  // of poses
-  int thinning_ = 0;                       // of measurements for which there is no room; 0: all are taken
+  std::int64_t poses_ever_ = 0, retired_ = 0;  // of poses
+  int thinning_ = 0;                           // of measurements for which there is no room; 0: all are taken
   std::int64_t thin_until_ = 0, no_build_until_ = 0;  // births of poses before less is tried, or a factor
   std::int64_t poses_at_build_ = 0, measurements_at_build_ = 0;  // births, when the next factor was begun
   bool restart_ = true, building_ = false, is_built_ = false, urgent_ = false;

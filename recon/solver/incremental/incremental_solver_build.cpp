@@ -26,7 +26,7 @@ constexpr std::int64_t kUnlimited = std::numeric_limits<std::int64_t>::max();
 
 int IncrementalSolver::laterEnd(int k) const {
   const Measurement& m = measurements_[k];
-  return m.from == kWorld || born_[at(m.to)] > born_[at(m.from)] ? m.to : m.from;
+  return m.from == kWorld || created_[at(m.to)] > created_[at(m.from)] ? m.to : m.from;
 }
 
 bool IncrementalSolver::hasFullRank(int k) const {
@@ -46,7 +46,7 @@ bool IncrementalSolver::joins(int k) const {
     if (m.weight == 0 || laterEnd(j) != pose) continue;
     const int other = m.from == pose ? m.to : m.from;
     const std::int64_t gap =
-        other == kWorld ? std::numeric_limits<std::int64_t>::max() : born_[at(pose)] - born_[at(other)];
+        other == kWorld ? std::numeric_limits<std::int64_t>::max() : created_[at(pose)] - created_[at(other)];
     const bool is_full = hasFullRank(j);
     if (best >= 0 && (is_full != best_is_full ? best_is_full : best_gap <= gap)) continue;
     best = j;
@@ -68,7 +68,7 @@ void IncrementalSolver::chooseLeftOut() {
     const Measurement& m = measurements_[k];
     is_left_out_[at(k)] = 0;
     if (thinning_ == 0 || !m.in_use) continue;
-    const bool far = m.from != kWorld && std::abs(born_[at(m.to)] - born_[at(m.from)]) > kFarApart;
+    const bool far = m.from != kWorld && std::abs(created_[at(m.to)] - created_[at(m.from)]) > kFarApart;
     const bool taken =
         thinning_ < kWithoutFar && (static_cast<std::uint64_t>(m.born) * kGolden) >> (64 - thinning_) == 0;
     is_left_out_[at(k)] = (thinning_ == kOnlyJoining || (far && !taken)) && !joins(k) ? 1 : 0;
@@ -77,24 +77,24 @@ void IncrementalSolver::chooseLeftOut() {
 
 void IncrementalSolver::beginBuild() {
   Factor& next = factors_[at(1 - active_)];
-  const int kept = closes_late_ > 0.5 ? config_.kept_last : config_.kept_last / 4;
+  const int kept = short_closures_ > 0.5 ? config_.kept_last : config_.kept_last / 4;
   for (int i = 0; i < poses_count_; ++i)
-    is_newest_[at(i)] = births_ > kept && born_[at(i)] >= births_ - kept ? 1 : 0;
+    is_newest_[at(i)] = poses_ever_ > kept && created_[at(i)] >= poses_ever_ - kept ? 1 : 0;
   is_built_ = false;
   next.poses_to_come.clear();
   next.to_come.clear();
-  poses_at_build_ = births_;
+  poses_at_build_ = poses_ever_;
   measurements_at_build_ = measurements_.births();
-  if (thinning_ > 0 && births_ >= thin_until_) --thinning_;
+  if (thinning_ > 0 && poses_ever_ >= thin_until_) --thinning_;
   for (build_work_ = 0;; ++thinning_) {
     chooseLeftOut();
-    build_work_ += builder_.begin(poses_.subspan(0, at(poses_count_)), held_.subspan(0, at(poses_count_)),
+    build_work_ += builder_.begin(poses_.subspan(0, at(poses_count_)), fixed_.subspan(0, at(poses_count_)),
                                   is_newest_.subspan(0, at(poses_count_)), is_left_out_, measurements_,
                                   damping_, next.factor);
     const std::int64_t store = config_.max_factor_blocks;
     building_ = builder_.blocks() <= (thinning_ == kOnlyJoining ? store : store - store / kGrowthPart);
     if (building_ || thinning_ == kOnlyJoining) break;
-    thin_until_ = births_ + kThinFor;
+    thin_until_ = poses_ever_ + kThinFor;
   }
   next.damping = damping_;
   next.moves = moves_;
@@ -104,8 +104,8 @@ void IncrementalSolver::beginBuild() {
 // others have taken their places.
 void IncrementalSolver::settle(Factor& f) {
   for (int j = 0; j < f.factor.size(); ++j) {
-    const std::int64_t born = born_[at(f.factor.poseAt(j))];
-    if (born < 0 || born >= poses_at_build_) f.factor.bury(j);
+    const std::int64_t born = created_[at(f.factor.poseAt(j))];
+    if (born < 0 || born >= poses_at_build_) f.factor.removePose(j);
   }
   for (int k = 0; k < measurements_.size(); ++k) {
     const Measurement& m = measurements_[k];
@@ -127,8 +127,8 @@ void IncrementalSolver::build(StepReport& report) {
   const std::int64_t quota = urgent_ ? config_.urgent_quota : config_.build_quota;
   std::int64_t work = 0;
   if (!building_) {
-    if (!urgent_ && births_ < poses_at_build_ + config_.rebuild_after) return;
-    if (births_ < no_build_until_) {
+    if (!urgent_ && poses_ever_ < poses_at_build_ + config_.rebuild_after) return;
+    if (poses_ever_ < no_build_until_) {
       urgent_ = false;
       return;
     }
@@ -137,7 +137,7 @@ void IncrementalSolver::build(StepReport& report) {
     build_work_ = 0;
     report.build_work += work;
     if (!building_) {  // no room even for what joins poses: the present factor stays
-      no_build_until_ = births_ + kThinFor;
+      no_build_until_ = poses_ever_ + kThinFor;
       urgent_ = false;
       return;
     }
@@ -166,8 +166,8 @@ void IncrementalSolver::build(StepReport& report) {
 
 template <typename Archive, typename Self>
 void IncrementalSolver::exchange(Archive& archive, Self& self) {
-  archive(self.poses_count_, self.free_count_, self.births_, self.retired_, self.scanned_, self.closes_late_,
-          self.work_of_update_);
+  archive(self.poses_count_, self.free_count_, self.poses_ever_, self.retired_, self.scanned_,
+          self.short_closures_, self.work_of_update_);
   archive.require(self.poses_count_ >= 0 && self.poses_count_ <= self.config_.max_poses &&
                       self.free_count_ >= 0 && self.free_count_ <= self.poses_count_ && self.scanned_ >= 0 &&
                       self.scanned_ <= self.poses_count_ && self.work_of_update_ > 0,
@@ -176,8 +176,8 @@ void IncrementalSolver::exchange(Archive& archive, Self& self) {
     if (!archive.ok()) return;
   archive.elements(self.free_.data(), at(self.free_count_));
   archive.elements(self.poses_.data(), at(self.poses_count_));
-  archive.elements(self.held_.data(), at(self.poses_count_));
-  archive.elements(self.born_.data(), at(self.poses_count_));
+  archive.elements(self.fixed_.data(), at(self.poses_count_));
+  archive.elements(self.created_.data(), at(self.poses_count_));
 }
 
 void IncrementalSolver::save(rt::StateWriter& writer) const {
@@ -200,7 +200,7 @@ bool IncrementalSolver::posesAreValid() const {
   int retired = 0;
   for (int i = 0; i < poses_count_; ++i) {
     retired += isRetired(i) ? 1 : 0;
-    if (!isFinite(pose(i)) || held_[at(i)] > 1 || born_[at(i)] >= births_) return false;
+    if (!isFinite(pose(i)) || fixed_[at(i)] > 1 || created_[at(i)] >= poses_ever_) return false;
     if (isRetired(i) && measurements_.first(i) >= 0) return false;
   }
   return retired == free_count_ &&

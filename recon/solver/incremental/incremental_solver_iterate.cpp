@@ -110,7 +110,7 @@ double IncrementalSolver::turnDirection(double product, double change) {
 void IncrementalSolver::gatherMoving() {
   moved_count_ = 0;
   for (int i = 0; i < poses_count_; ++i) {
-    if (held_[at(i)] || Eigen::Map<const PosePerturbation>(&direction_[at(kBlockSize * i)]).isZero(0))
+    if (fixed_[at(i)] || Eigen::Map<const PosePerturbation>(&direction_[at(kBlockSize * i)]).isZero(0))
       continue;
     moved_[at(moved_count_++)] = i;
     saved_[at(i)] = poses_[at(i)];
@@ -135,7 +135,7 @@ void IncrementalSolver::easeDamping() {
 bool IncrementalSolver::takeUpBest(StepReport& report) {
   moved_count_ = 0;
   for (int i = 0; i < poses_count_; ++i) {
-    if (held_[at(i)] || isRetired(i)) continue;
+    if (fixed_[at(i)] || isRetired(i)) continue;
     moved_[at(moved_count_++)] = i;
     poses_[at(i)] = best_[at(i)];
   }
@@ -171,10 +171,10 @@ bool IncrementalSolver::startFromMeasurements(StepReport& report) {
   const double before = errors_.chi2();
   std::copy(poses_.begin(), poses_.begin() + poses_count_, saved_.begin());
   const std::span<std::uint8_t> reached = is_newest_;
-  std::copy(held_.begin(), held_.end(), reached.begin());
+  std::copy(fixed_.begin(), fixed_.end(), reached.begin());
   moved_count_ = 0;
   for (int i = 0; i < poses_count_; ++i)
-    if (held_[at(i)]) moved_[at(moved_count_++)] = i;
+    if (fixed_[at(i)]) moved_[at(moved_count_++)] = i;
   for (int next = 0; next < moved_count_; ++next) {
     const int pose = moved_[at(next)];
     for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose)) {
@@ -205,7 +205,7 @@ bool IncrementalSolver::startFromMeasurements(StepReport& report) {
 
 void IncrementalSolver::displace(std::span<const int> poses, const SE3& by) {
   for (const int i : poses)
-    if (!held_[at(i)]) poses_[at(i)] = by * poses_[at(i)];
+    if (!fixed_[at(i)]) poses_[at(i)] = by * poses_[at(i)];
   noteChanged(poses);
   errors_.follow(poses);
   ++moves_;
@@ -217,7 +217,7 @@ void IncrementalSolver::displace(std::span<const int> poses, const SE3& by) {
 
 void IncrementalSolver::noteChanged(std::span<const int> poses) {
   for (const int i : poses) {
-    if (is_changed_[at(i)] || held_[at(i)]) continue;
+    if (is_changed_[at(i)] || fixed_[at(i)]) continue;
     is_changed_[at(i)] = 1;
     changed_[at(changed_count_++)] = i;
   }

@@ -13,7 +13,7 @@ constexpr double kRelinearize = 1e-3;
 
 PresentErrors::PresentErrors(const Measurements& measurements, std::span<const SE3> poses,
                              std::span<const std::uint8_t> held, int max_measurements, rt::Arena& arena)
-    : measurements_(measurements), poses_(poses), held_(held) {
+    : measurements_(measurements), poses_(poses), fixed_(held) {
   const std::size_t edges = at(max_measurements);
   by_to_ = arena.allocateArray<Matrix6d>(edges);
   error_then_ = arena.allocateArray<Vector6d>(edges);
@@ -69,7 +69,7 @@ void PresentErrors::renew(int measurement) {
 }
 
 void PresentErrors::markDirty(int pose) {
-  if (pose == kWorld || held_[at(pose)] || is_dirty_[at(pose)]) return;
+  if (pose == kWorld || fixed_[at(pose)] || is_dirty_[at(pose)]) return;
   is_dirty_[at(pose)] = 1;
   dirty_[at(dirty_count_++)] = pose;
 }

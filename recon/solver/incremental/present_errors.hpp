@@ -52,7 +52,7 @@ class PresentErrors {
 
   const Measurements& measurements_;
   std::span<const SE3> poses_;
-  std::span<const std::uint8_t> held_;
+  std::span<const std::uint8_t> fixed_;
   std::span<Matrix6d> by_to_;         // whitened derivatives, which may be slightly older
   std::span<Vector6d> error_then_;    // plain errors where the derivatives were taken
   std::span<PosePerturbation> pull_;  // gradient of each, by the perturbation of `to`

@@ -149,7 +149,7 @@ bool IncrementalSolver::isTakenIn(int k) const {
 
 // Whether a pose's measurements are in the factors, so that what is composed of them is in them as well.
 bool IncrementalSolver::isSettled(int pose) const {
-  if (!active().factor.has(pose) || (building_ && born_[at(pose)] >= poses_at_build_)) return false;
+  if (!active().factor.has(pose) || (building_ && created_[at(pose)] >= poses_at_build_)) return false;
   for (int k = measurements_.first(pose); k >= 0; k = measurements_.next(k, pose))
     if (!isTakenIn(k)) return false;
   return true;
@@ -204,7 +204,7 @@ void IncrementalSolver::addComposed(RelativePose composed) {
 
 RetireStatus IncrementalSolver::retire(int pose) {
   if (pose < 0 || pose >= poses_count_ || isRetired(pose)) return RetireStatus::kNoSuchPose;
-  if (held_[at(pose)]) return RetireStatus::kHeld;
+  if (fixed_[at(pose)]) return RetireStatus::kHeld;
   if (!isSettled(pose)) return RetireStatus::kNotSettled;
   std::array<std::pair<int, int>, kMostMeasurements> star;  // neighbour, measurement
   std::size_t count = 0;
@@ -237,8 +237,8 @@ RetireStatus IncrementalSolver::retire(int pose) {
   // The next factor buries it when it is settled, or now if it has been.
   for (Factor& f : factors_)
     if ((&f == &active() || (building_ && is_built_)) && f.factor.has(pose))
-      f.factor.bury(f.factor.positionOf(pose));
-  born_[at(pose)] = -1;
+      f.factor.removePose(f.factor.positionOf(pose));
+  created_[at(pose)] = -1;
   free_[at(free_count_++)] = pose;
   ++retired_;
   restartSearch();
@@ -251,7 +251,7 @@ int IncrementalSolver::leastNeeded(int keep, std::span<const std::uint8_t> must_
   for (int seen = 0; seen < std::min(kScan, poses_count_); ++seen) {
     scanned_ = (scanned_ + 1) % poses_count_;
     const int pose = scanned_;
-    if (isRetired(pose) || held_[at(pose)] || born_[at(pose)] >= births_ - keep) continue;
+    if (isRetired(pose) || fixed_[at(pose)] || created_[at(pose)] >= poses_ever_ - keep) continue;
     if (at(pose) < must_stay.size() && must_stay[at(pose)] != 0) continue;
     std::array<int, kMostLinks> neighbours;
     int links = 0, measured = 0;

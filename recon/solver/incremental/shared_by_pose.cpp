@@ -6,27 +6,27 @@
 namespace fathom::slam {
 
 SharedByPose::SharedByPose(int poses)
-    : pulls_(Columns::Zero(6 * poses, kShared)), moved_(Columns::Zero(6 * poses, kShared)) {}
+    : gradients_(Columns::Zero(6 * poses, kShared)), moved_(Columns::Zero(6 * poses, kShared)) {}
 
 void SharedByPose::hang(int pose, int from, const SE3& T_w_pose, const Each& error) {
   moved_.middleRows<6>(6 * pose) = moved_.middleRows<6>(6 * from) + ownFrame(T_w_pose.inverse()) * error;
 }
 
 void SharedByPose::begin() {
-  pulls_.setZero();
+  gradients_.setZero();
   next_ = 0;
 }
 
-void SharedByPose::pull(const IncrementalSolver& graph, int measurement, const Each& error) {
+void SharedByPose::add(const IncrementalSolver& graph, int measurement, const Each& error) {
   const Measurement& m = graph.measurement(measurement);
-  const Each pull = graph.pull(measurement) * error;
-  pulls_.middleRows<6>(6 * m.to) += pull;
-  if (m.from != kWorld) pulls_.middleRows<6>(6 * m.from) -= pull;
+  const Each gradient = graph.gradientPerError(measurement) * error;
+  gradients_.middleRows<6>(6 * m.to) += gradient;
+  if (m.from != kWorld) gradients_.middleRows<6>(6 * m.from) -= gradient;
 }
 
 bool SharedByPose::solve(IncrementalSolver& graph) {
-  const auto rows = static_cast<std::size_t>(pulls_.rows());
-  graph.solve(std::span(pulls_.col(next_).data(), rows), std::span(moved_.col(next_).data(), rows));
+  const auto rows = static_cast<std::size_t>(gradients_.rows());
+  graph.solve(std::span(gradients_.col(next_).data(), rows), std::span(moved_.col(next_).data(), rows));
   next_ = (next_ + 1) % kShared;
   return next_ == 0;
 }

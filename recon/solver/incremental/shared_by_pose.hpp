@@ -28,12 +28,12 @@ class SharedByPose {
   // A new pose, known by another and by a measurement between them with
   // this error of its T_from_to (right perturbation).
   void hang(int pose, int from, const SE3& T_w_pose, const Each& error);
-  // Updates all poses: begin(), pull() with each measurement that has the
+  // Updates all poses: begin(), add() with each measurement that has the
   // errors, then solve() until it returns true.
   void begin();
-  void pull(const IncrementalSolver& graph, int measurement, const Each& error);
+  void add(const IncrementalSolver& graph, int measurement, const Each& error);
   [[nodiscard]] bool solve(IncrementalSolver& graph);
-  // Adds the information of a measurement that pulled about the errors: its part of their normal equations
+  // Adds the information about the errors of a measurement that was added: its part of their normal equations
   // after the poses are marginalised (the Schur complement). `left`: errors that are still to be removed.
   void addEvidence(const IncrementalSolver& graph, int measurement, const Each& error, const Errors& left,
                    Evidence& evidence) const;
@@ -44,13 +44,13 @@ class SharedByPose {
   [[nodiscard]] Matrix6d covariance(int from, int to, const SE3& T_w_to, const Covariance& errors) const;
 
   [[nodiscard]] std::size_t memoryBytes() const {
-    return static_cast<std::size_t>(pulls_.size() + moved_.size()) * sizeof(double);
+    return static_cast<std::size_t>(gradients_.size() + moved_.size()) * sizeof(double);
   }
 
  private:
   using Columns = Eigen::Matrix<double, Eigen::Dynamic, kShared>;
-  Columns pulls_, moved_;  // six rows for each pose: perturbations in the world
-  int next_ = 0;           // column to be solved for
+  Columns gradients_, moved_;  // six rows for each pose: perturbations in the world
+  int next_ = 0;               // column to be solved for
 };
 
 }  // namespace fathom::slam

@@ -311,8 +311,8 @@ void projectPatch(const PatchShape& shape, const std::uint8_t* origin, std::ptrd
   sums[2] = v_reduce_sum(ny);
 }
 
-void likeness(const PatchShape& shape, const std::uint8_t* origin, std::ptrdiff_t stride, int fx, int fy,
-              int centre, const std::int16_t* value, Likeness& out) {
+void correlate(const PatchShape& shape, const std::uint8_t* origin, std::ptrdiff_t stride, int fx, int fy,
+               int centre, const std::int16_t* value, Correlation& out) {
   const v_int16 vfx = vx_setall_s16(static_cast<short>(fx)), vfy = rowFraction(fy);
   const Float8 vcentre = all8(static_cast<float>(centre));
   alignas(64) std::int16_t row[32];
@@ -359,7 +359,7 @@ void searchSums(const PatchShape& shape, const std::uint8_t* origin, std::ptrdif
 const Kernels& table() {
   static constexpr Kernels kTable{smoothRows,   halveRow,     gradientRow, tensorRow,
                                   harrisRow,    localMaxima,  samplePatch, patchMoments,
-                                  makeTemplate, projectPatch, likeness,    searchSums};
+                                  makeTemplate, projectPatch, correlate,   searchSums};
   return kTable;
 }
 

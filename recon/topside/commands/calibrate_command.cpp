@@ -135,7 +135,7 @@ calibration::RigCalibration runCalibrate(const CalibrateOptions& options) {
   constexpr std::size_t kMostPairs = 40;  // of a dive; more tell little that is new
   calibration::SelfCalibrationConfig self;
   if (options.free_centre) self.bundle.prior.centre = calibration::kFreeCentre;
-  const calibration::RigCalibration done =
+  calibration::RigCalibration done =
       board ? calibrateByBoard(options, *board)
             : calibration::selfCalibrate(findTracks(options.board.images, kMostPairs), options.baseline, self,
                                          sourceOf(options.board.images));

@@ -34,7 +34,7 @@ struct RunSettings {
   std::optional<double> resolution, texel;
   std::optional<int> features, jobs;
   bool dense = false, no_slam = false, no_bundle = false, no_texture = false;
-  std::string textures = "jpeg", mode = "bands";
+  std::optional<std::string> textures, mode;
 };
 
 // The options that poses and features depend on; and all, with the mission's folder.

@@ -116,11 +116,16 @@ TopsideConfig configOf(RunSettings& s) {
   if (s.dense) config.dense_stereo = true;
   if (s.features) config.stereo.max_features = *s.features;
   if (s.jobs) config.threads = *s.jobs;
-  if (s.textures == "webp") config.model.picture.format = PictureFormat::kWebp;
-  if (s.textures == "ktx2") config.model.gpu_texture = GpuTexture::kKtx2;
-  if (s.textures == "dds") config.model.gpu_texture = GpuTexture::kDds;
-  if (s.mode == "average") config.model.blend.mode = surface::BlendMode::kAverage;
-  if (s.mode == "unblended") config.model.blend.mode = surface::BlendMode::kUnblended;
+  if (s.textures) {
+    config.model.picture.format = s.textures == "webp" ? PictureFormat::kWebp : PictureFormat::kJpeg;
+    config.model.gpu_texture = s.textures == "ktx2"  ? GpuTexture::kKtx2
+                               : s.textures == "dds" ? GpuTexture::kDds
+                                                     : GpuTexture::kNone;
+  }
+  if (s.mode)
+    config.model.blend.mode = s.mode == "average"     ? surface::BlendMode::kAverage
+                              : s.mode == "unblended" ? surface::BlendMode::kUnblended
+                                                      : surface::BlendMode::kBands;
   s.places.input.files.tolerance = config.pairing_tolerance;
   return config;
 }

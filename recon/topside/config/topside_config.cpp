@@ -36,6 +36,24 @@ void visitFusion(KeyVisitor& keys, TopsideConfig& config) {
   keys.number("min_component_m2", config.min_component, "m2", 0, 1000, "smaller loose pieces are dropped");
 }
 
+void visitModel(KeyVisitor& keys, ModelSettings& m) {
+  constexpr double kFinestTexel = 0.0001;  // [m]
+  constexpr const char* kModes[] = {"bands", "average", "unblended"};
+  constexpr const char* kPictures[] = {"jpeg", "webp"};
+  constexpr const char* kGpuTextures[] = {"none", "ktx2", "dds"};
+  keys.boolean("texture", m.texture, "false (--no-texture): colours by vertex alone");
+  keys.number("texel_m", m.texel, "m", 0, 1, "finest texel (--texel); 0: a pixel's size on the ground");
+  keys.require(m.texel == 0 || m.texel >= kFinestTexel, "texel_m", "must be 0, or 0.0001 to 1");
+  keys.choiceOf("blend", m.blend.mode, kModes, "how images are blended (--mode)");
+  bool webp = m.picture.format == PictureFormat::kWebp;
+  keys.choiceOf("pictures", webp, kPictures, "textures in the tiles (--textures)");
+  m.picture.format = webp ? PictureFormat::kWebp : PictureFormat::kJpeg;
+  keys.integer("picture_quality", m.picture.quality, 1, 100, "on the format's own scale");
+  keys.choiceOf("gpu_texture", m.gpu_texture, kGpuTextures, "BC1 for GPUs beside the tiles (--textures)");
+  keys.number("overlap_m", m.division.overlap, "m", 0.5, 10,
+              "around a piece, from which it takes meshes too");
+}
+
 }  // namespace
 
 void setVoxel(TopsideConfig& config, double voxel) {
@@ -52,6 +70,7 @@ void visitTopside(KeyVisitor& keys, TopsideConfig& c) {
   });
   keys.table("stereo", "", [&] { visitStereo(keys, c); });
   keys.table("fusion", "", [&] { visitFusion(keys, c); });
+  keys.table("model", "", [&] { visitModel(keys, c.model); });
   keys.table("navigation", "dead reckoning", [&] {
     keys.number("max_dvl_gap_s", c.max_dvl_gap, "s", 0.1, 60,
                 "without bottom track before the velocity decays");

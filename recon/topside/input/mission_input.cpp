@@ -103,7 +103,7 @@ std::vector<std::array<std::string, 2>> findImages(MissionInput& in, StereoFileO
 SE3 mountOf(const std::vector<double>& mount) {
   Eigen::Matrix3d down;
   down << 0, -1, 0, 1, 0, 0, 0, 0, 1;
-  const SE3 looks_down(down, Eigen::Vector3d::Zero());
+  SE3 looks_down(down, Eigen::Vector3d::Zero());
   if (mount.empty()) return looks_down;
   if (mount.size() != 3 && mount.size() != 6)
     throw InputError("--mount", std::to_string(mount.size()) + " numbers",

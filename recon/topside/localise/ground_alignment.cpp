@@ -144,7 +144,8 @@ std::vector<Sighting> trackedCorners(const Prepared& a, const Prepared& b, const
     const int x = static_cast<int>(std::lround(p.pixel.x())), y = static_cast<int>(std::lround(p.pixel.y()));
     if (!a.camera.contains(p.pixel, kTrackerWindow / 2.0) || map.at<cv::Vec2f>(y, x)[0] < 0) continue;
     // Off the plane: where its ray from b meets the ground.
-    const Eigen::Vector3d centre = T_a_b.translation(), ray = p.point - centre;
+    const Eigen::Vector3d& centre = T_a_b.translation();
+    const Eigen::Vector3d ray = p.point - centre;
     const double along = a.plane.normal.dot(ray);
     if (!(along > 0)) continue;
     const Eigen::Vector3d ground = centre + (a.plane.distance - a.plane.normal.dot(centre)) / along * ray;

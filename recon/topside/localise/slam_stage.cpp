@@ -361,6 +361,7 @@ SlamResult::Bundled bundled(const StereoRig& rig, const TopsideConfig& config, c
                             const std::function<void()>& solve, const DisparityError& error) {
   SlamResult::Bundled out;
   if (!config.bundle) return out;
+  // NOLINTNEXTLINE(performance-unnecessary-copy-initialization): solve() moves the poses
   const std::vector<SE3> before = poses;
   const BundledLinks found = bundle(rig, frames, poses, survey.planes, images, links, error);
   out.points = found.result.points;

@@ -204,7 +204,7 @@ web::Plot viewBars(const RigCalibration& done) {
 
 void addParameters(web::ReportPage& report, const RigCalibration& done,
                    const std::optional<calibration::Chessboard>& board) {
-  const auto camera = [](std::string name, const Camera& of, const calibration::CameraSigma& sigma,
+  const auto camera = [](const std::string& name, const Camera& of, const calibration::CameraSigma& sigma,
                          const calibration::PortSigma& port_sigma, const Camera& other) {
     Fields out = web::named("camera", name + (of.port ? ", in air" : ""), cameraFields(of, sigma, other));
     out.emplace_back("port", portFields(of, port_sigma));

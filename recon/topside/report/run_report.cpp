@@ -17,57 +17,17 @@ namespace {
 using Json = nlohmann::ordered_json;
 using web::ReportField, web::Fields, web::Row;
 
-const char* nameOf(surface::BlendMode mode) {
-  constexpr std::array<const char*, 3> kNames = {"bands", "average", "unblended"};
-  return kNames[static_cast<std::size_t>(mode)];
-}
-
-Json configJson(const TopsideConfig& c) {
-  return {{"lighting",
-           {{"images", c.lighting_images},
-            {"target_mean", c.lighting.target_mean},
-            {"target_sigma", c.lighting.target_sigma},
-            {"min_images", c.lighting.min_images},
-            {"grid_px", c.lighting.grid},
-            {"saturated", c.lighting.saturated},
-            {"outlier_sigma", c.lighting.outlier},
-            {"model", lighting::nameOf(c.lighting.choice)}}},
-          {"stereo",
-           {{"max_features", c.stereo.max_features},
-            {"window_px", c.stereo.window},
-            {"method", c.dense_stereo ? "dense" : "sparse"},
-            {"max_epipolar_px", c.stereo.max_epipolar_distance},
-            {"max_left_right_px", c.stereo.max_left_right_distance},
-            {"sigma_scale", c.stereo.sigma_scale},
-            {"max_edge_m", c.stereo.max_edge},
-            {"min_range_m", c.stereo.min_range},
-            {"max_range_m", c.stereo.max_range},
-            {"search_radius_px", c.stereo.search_radius},
-            {"mend_rig", c.mend_rig},
-            {"min_points", c.min_points}}},
-          {"fusion",
-           {{"voxel_m", c.fusion.voxel},
-            {"truncation_m", c.fusion.truncation},
-            {"border_m", c.fusion.border},
-            {"min_observations", c.fusion.min_observations},
-            {"carve", c.fusion.carve},
-            {"min_component_m2", c.min_component}}},
-          {"model",
-           {{"texture", c.model.texture},
-            {"blend", nameOf(c.model.blend.mode)},
-            {"picture_quality", c.model.picture.quality},
-            {"overlap_m", c.model.division.overlap}}},
-          {"slam",
-           {{"enabled", c.slam},
-            {"bundle", c.bundle},
-            {"features", c.slam_features},
-            {"candidates_per_pair", c.slam_candidates},
-            {"turned_sigmas", c.navigation.turned_sigmas}}},
-          {"navigation",
-           {{"max_dvl_gap_s", c.max_dvl_gap},
-            {"max_speed_mps", c.max_speed},
-            {"default_altitude_m", c.default_altitude}}},
-          {"run", {{"pairing_tolerance_s", c.pairing_tolerance}}}};
+// Every key of the configuration, nested as in its file.
+Json configJson(TopsideConfig config) {
+  ConfigListing keys;
+  visitTopside(keys, config);
+  Json out = Json::object();
+  for (const ConfigListing::Row& row : keys.rows()) {
+    std::string path = "/" + row.key;
+    std::replace(path.begin(), path.end(), '.', '/');
+    out[Json::json_pointer(path)] = Json::parse(row.value);  // these values are the same in TOML and in JSON
+  }
+  return out;
 }
 
 Fields lightingFields(const lighting::LightingModel::Report& l) {

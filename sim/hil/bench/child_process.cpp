@@ -100,6 +100,7 @@ ChildProcess::ChildProcess(const Options& options) : output_(options.output) {
   argv.push_back(nullptr);
   // fork() write-protects this process's pages, on which its real-time threads would fault; vfork() is used
   // where the child changes no memory.
+  // NOLINTNEXTLINE(clang-analyzer-security.insecureAPI.vfork)
   pid_ = options.cable || !options.environment.empty() ? ::fork() : ::vfork();
   if (pid_ < 0) throw std::runtime_error("no child process for " + options.argv.front());
   if (pid_ == 0) {

@@ -212,8 +212,9 @@ std::optional<GeoRaster> rasterOf(const BlockStore& store, Surface& surface, con
     for (int column = 0; column < raster.width; column += kPatch) {
       std::array<Eigen::Vector2d, 4> corners;
       for (int k = 0; k < 4; ++k) {
-        double x = raster.west + (column + k % 2 * kPatch) * raster.pixel;
-        double y = raster.north - (row + k / 2 * kPatch) * raster.pixel;
+        const int right = k % 2, below = k / 2;
+        double x = raster.west + (column + right * kPatch) * raster.pixel;
+        double y = raster.north - (row + below * kPatch) * raster.pixel;
         if (!from_map->Transform(1, &x, &y)) throw std::runtime_error("the map is outside its projection");
         corners[static_cast<std::size_t>(k)] = local.toLocal({y * kRadiansPerDegree, x * kRadiansPerDegree});
       }

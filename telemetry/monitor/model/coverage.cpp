@@ -40,8 +40,9 @@ void markReceived(const telemetry::MapBlock& block, SquareMap& squares) {
   const double spacing = telemetry::spacingOf(block.key.spacing), half = spacing / 2;
   for (int n = 0; n < telemetry::MapBlock::kNodes; ++n) {
     if (!block.isSeen(n)) continue;
-    const double north = (4 * block.key.north + n / 4) * spacing,
-                 east = (4 * block.key.east + n % 4) * spacing;
+    const int row = n / 4, column = n % 4;
+    const double north = (4 * block.key.north + row) * spacing,
+                 east = (4 * block.key.east + column) * spacing;
     // A node covers its cell; a fine one the square that holds it.
     const double reach = spacing > 1 ? half : 0;
     for (auto i = static_cast<std::int32_t>(std::floor(north - reach)); i <= north + reach; ++i)

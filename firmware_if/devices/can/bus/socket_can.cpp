@@ -23,8 +23,8 @@ namespace fathom::io {
 namespace {
 
 constexpr std::int64_t kReopenCan_ns = kSecond_ns;
-// Size of the receive buffer to ask for; the kernel doubles it. Each frame takes some 800 bytes of it, and a
-// full bus of 250 kbit/s brings about 1,900 a second: room for more than two seconds.
+// Requested SO_RCVBUF, which the kernel doubles. A queued frame takes some 800 bytes and a saturated bus of
+// 250 kbit/s delivers about 1,900 a second: room for more than two seconds.
 constexpr int kCanReceiveBuffer_bytes = 2 * 1024 * 1024;
 
 std::int64_t systemNs() noexcept {
@@ -37,13 +37,13 @@ struct Now {
   std::int64_t system_ns = 0, vehicle_ns = 0;
 };
 
-// Both clocks at one moment: of up to three readings the one that was interrupted least.
+// Reads both clocks at one moment: of up to three readings, the one that took least time.
 Now readClocks(const rt::Clock& vehicle) noexcept {
   constexpr int kTries = 3;
-  constexpr std::int64_t kGood_ns = 20'000;
+  constexpr std::int64_t kShortReading_ns = 20'000;
   Now out;
   std::int64_t best_ns = std::numeric_limits<std::int64_t>::max();
-  for (int i = 0; i < kTries && best_ns > kGood_ns; ++i) {
+  for (int i = 0; i < kTries && best_ns > kShortReading_ns; ++i) {
     const std::int64_t before_ns = vehicle.utcNs(), system_ns = systemNs();
     const std::int64_t took_ns = vehicle.utcNs() - before_ns;
     if (took_ns >= best_ns) continue;
@@ -57,12 +57,13 @@ bool isGone(int error) noexcept {
   return error == ENETDOWN || error == ENODEV || error == ENXIO || error == EBADF;
 }
 
-// Of addressed parameter groups, the identifier's specific field is the destination: any.
+// Accepts a parameter group from any source. In PDU1 groups (PDU format below 240) the specific field is the
+// destination: any of them.
 can_filter filterOf(std::uint32_t pgn) noexcept {
-  const bool addressed = ((pgn >> 8) & 0xFF) < 240;
+  const bool is_pdu1 = ((pgn >> 8) & 0xFF) < 240;
   can_filter out = {};
   out.can_id = (pgn << 8) | CAN_EFF_FLAG;
-  out.can_mask = (addressed ? 0x03FF0000U : 0x03FFFF00U) | CAN_EFF_FLAG | CAN_RTR_FLAG;
+  out.can_mask = (is_pdu1 ? 0x03FF0000U : 0x03FFFF00U) | CAN_EFF_FLAG | CAN_RTR_FLAG;
   return out;
 }
 
@@ -107,7 +108,7 @@ SocketCan::SocketCan(std::string interface, std::span<const std::uint32_t> pgns,
     : interface_(std::move(interface)), vehicle_(vehicle) {
   if (interface_.empty() || interface_.size() >= IFNAMSIZ ||
       interface_.find_first_of("/ \t\n") != std::string::npos)
-    throw InputError(interface_, "", "is no name of a CAN interface; give one like can0");
+    throw InputError(interface_, "", "is not the name of a CAN interface; give one like can0");
   for (const std::uint32_t pgn : pgns) filters_.push_back(filterOf(pgn));
   open();
 }
@@ -142,7 +143,7 @@ void SocketCan::open() noexcept {
     ::close(fd);
     return;
   }
-  // Beyond the system's bound only with CAP_NET_ADMIN; what is granted is used.
+  // More than net.core.rmem_max needs CAP_NET_ADMIN; without it, what the kernel grants is used.
   if (!set(SOL_SOCKET, SO_RCVBUFFORCE, kCanReceiveBuffer_bytes))
     static_cast<void>(set(SOL_SOCKET, SO_RCVBUF, kCanReceiveBuffer_bytes));
   fd_ = fd;
@@ -216,13 +217,14 @@ void SocketCan::drained() noexcept {
 std::span<const BusFrame> SocketCan::receive(int timeout_ms) noexcept {
   if (fd_ < 0) open();
   pollfd socket = {fd_, POLLIN, 0};
-  // Without a socket there is nothing to wait for but time.
-  if (::poll(&socket, fd_ < 0 ? 0 : 1, std::max(timeout_ms, 0)) <= 0 || fd_ < 0) {
-    if (fd_ >= 0) drained();
+  // Without a socket this sleeps for the timeout.
+  const int ready = ::poll(&socket, fd_ < 0 ? 0 : 1, std::max(timeout_ms, 0));
+  if (ready <= 0 || fd_ < 0) {
+    if (fd_ >= 0 && ready == 0) drained();
     return {};
   }
   std::size_t count = 0;
-  // Interrupted and ill-formed reads give no frame: they must not hold the caller either.
+  // Reads that give no frame (interrupted, ill-formed) are bounded too, so that none can hold the caller.
   for (std::size_t reads = 0; count < kBatch && reads < 2 * kBatch; ++reads) {
     const Read result = read(batch_[count]);
     if (result == Read::kNothing) break;
@@ -243,7 +245,7 @@ bool SocketCan::send(const CanFrame& frame) noexcept {
     ++counts_.sent;
     return true;
   }
-  if (isGone(errno)) close();
+  if (size < 0 && isGone(errno)) close();
   return false;
 }
 

@@ -20,12 +20,12 @@ std::int64_t plausibleArrival(std::int64_t utc_ns, std::int64_t now_ns) noexcept
   return std::clamp(utc_ns, now_ns - kMostAge_ns, now_ns);
 }
 
-// With what the fence saw.
+// With what the guard saw.
 template <class Device>
-io::DeviceHealth healthOf(const Device& device, const io::PollFence& fence) {
+io::DeviceHealth healthOf(const Device& device, const io::PollGuard& guard) {
   io::DeviceHealth health = device.health();
-  fence.markFailure(health);
-  health.counters.add({"poll_failures", fence.failures()});
+  guard.markFailure(health);
+  health.counters.add({"poll_failures", guard.failures()});
   return health;
 }
 
@@ -110,13 +110,13 @@ void FrameLender::lend(const io::CameraFrame& frame) noexcept {
 }
 
 SampleThread::SampleThread(io::SampleSource& source, const Links& links, const rt::Clock& clock)
-    : source_(source), links_(links), clock_(clock), health_(healthOf(source, fence_)) {}
+    : source_(source), links_(links), clock_(clock), health_(healthOf(source, guard_)) {}
 
 void SampleThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint("samples");
-    fence_.poll(source_, kPollMs, *this, clock_.monotonicNs());
-    health_.update(healthOf(source_, fence_));
+    guard_.poll(source_, kPollMs, *this, clock_.monotonicNs());
+    health_.update(healthOf(source_, guard_));
     links_.heart->beat(clock_.monotonicNs());
   }
 }
@@ -137,13 +137,13 @@ CameraThread::CameraThread(io::CameraSource& camera, const Links& links, const r
       links_(links),
       clock_(clock),
       name_(camera.health().name),
-      health_(healthOf(camera, fence_)) {}
+      health_(healthOf(camera, guard_)) {}
 
 void CameraThread::run(const std::atomic<bool>& stop) {
   while (!stop.load(std::memory_order_acquire)) {
     rt::faultPoint(name_.data());
-    fence_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
-    health_.update(healthOf(camera_, fence_));
+    guard_.poll(camera_, kPollMs, *this, clock_.monotonicNs());
+    health_.update(healthOf(camera_, guard_));
     links_.heart->beat(clock_.monotonicNs());
   }
 }

@@ -119,7 +119,7 @@ class SharedHealth {
 };
 
 // The thread of one device that gives samples: polls it, passes samples to the hard tier and bytes to the
-// recorder. Runs until it is stopped, even if the device throws (PollFence).
+// recorder. Runs until it is stopped, even if the device throws (PollGuard).
 class SampleThread final : public io::SampleSink {
  public:
   struct Links {
@@ -143,12 +143,12 @@ class SampleThread final : public io::SampleSink {
   io::SampleSource& source_;
   Links links_;
   const rt::Clock& clock_;
-  io::PollFence fence_;
+  io::PollGuard guard_;
   SharedHealth health_;
 };
 
 // The thread of one camera: passes its frames to the recorder and the mapper, their stamps to the hard tier.
-// Runs until it is stopped, even if the camera throws (PollFence).
+// Runs until it is stopped, even if the camera throws (PollGuard).
 class CameraThread final : public io::FrameSink {
  public:
   struct Links {
@@ -168,7 +168,7 @@ class CameraThread final : public io::FrameSink {
   Links links_;
   const rt::Clock& clock_;
   std::string_view name_;
-  io::PollFence fence_;
+  io::PollGuard guard_;
   SharedHealth health_;
 };
 
