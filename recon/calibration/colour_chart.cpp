@@ -1,12 +1,16 @@
 #include "recon/calibration/colour_chart.hpp"
 
+#include <ceres/ceres.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/text.hpp"
 #include "recon/geometry/colour.hpp"
 
 namespace fathom::calibration {
@@ -26,6 +30,7 @@ constexpr std::array<Patch, kPatches> kChart{
      {"white", {243, 243, 242}},     {"neutral 8", {200, 200, 200}},   {"neutral 6.5", {160, 160, 160}},
      {"neutral 5", {122, 122, 121}}, {"neutral 3.5", {85, 85, 85}},    {"black", {52, 52, 52}}}};
 
+// Places of a patch on the chart, -0.5 to 0.5.
 double column(int patch) {
   return patch % kChartColumns / (kChartColumns - 1.0) - 0.5;
 }
@@ -34,75 +39,146 @@ double row(int patch) {
   return whole / (kChartRows - 1.0) - 0.5;
 }
 
-// Factors on a view's samples: a gain for each channel, and light that varies over the chart.
+// What turns the camera's colours of the patches into a view's samples: backscatter of each channel, as
+// a share of its darkest sample; the logarithm of its gain; that of the light, which varies over the chart as
+// a quadric; and that of an exponent, where an 8-bit image's tone curve is unknown.
+constexpr int kBackscatter = 0, kGain = 3, kLight = 6, kTone = 11, kOfView = 12, kOfMatrix = 6;
 struct Balance {
-  Eigen::Vector3d log_gain = Eigen::Vector3d::Zero();
-  double across = 0, down = 0;
-  [[nodiscard]] Eigen::Vector3d of(const Eigen::Vector3d& seen, int patch) const {
-    return seen.cwiseProduct((log_gain.array() + across * column(patch) + down * row(patch)).exp().matrix());
-  }
+  std::array<double, kOfView> values{};
+  Eigen::Vector3d darkest = Eigen::Vector3d::Ones(), brightest = Eigen::Vector3d::Zero();
 };
 
-// Balance by which `matrix` takes the view's colours to the chart's.
-Balance balanceOf(const ChartView& view, const Eigen::Matrix3d& matrix) {
-  const Eigen::Matrix3d inverse = matrix.inverse();
-  Eigen::Matrix<double, 5, 5> normal = Eigen::Matrix<double, 5, 5>::Zero();
-  Eigen::Matrix<double, 5, 1> right = Eigen::Matrix<double, 5, 1>::Zero();
-  for (int k = 0; k < kPatches; ++k) {
-    const auto& seen = view.patches[static_cast<std::size_t>(k)];
-    if (!seen) continue;
-    const Eigen::Vector3d expected = inverse * patchColour(k);
-    for (int c = 0; c < 3; ++c) {
-      constexpr double kDark = 0.02;  // linear: noise and stray light
-      if (expected(c) < kDark || !((*seen)(c) > 0)) continue;
-      Eigen::Matrix<double, 5, 1> factors = Eigen::Matrix<double, 5, 1>::Zero();
-      factors(c) = 1, factors(3) = column(k), factors(4) = row(k);
-      normal += factors * factors.transpose();
-      right += factors * std::log(expected(c) / (*seen)(c));
-    }
-  }
-  normal.diagonal().array() += 1e-9;
-  const Eigen::Matrix<double, 5, 1> x = normal.ldlt().solve(right);
-  return {x.head<3>(), x(3), x(4)};
-}
-
-Eigen::Matrix3d colourMatrixOf(const std::vector<ChartView>& views, const std::vector<Balance>& balances) {
-  Eigen::Matrix3d out;
-  for (int i = 0; i < 3; ++i) {
-    // The row adds up to 1: its own element is 1 less the other two.
-    const int a = (i + 1) % 3, b = (i + 2) % 3;
-    Eigen::Matrix2d normal = 1e-9 * Eigen::Matrix2d::Identity();
-    Eigen::Vector2d right = Eigen::Vector2d::Zero();
-    for (std::size_t v = 0; v < views.size(); ++v)
-      for (int k = 0; k < kPatches; ++k) {
-        const auto& seen = views[v].patches[static_cast<std::size_t>(k)];
-        if (!seen) continue;
-        const Eigen::Vector3d colour = balances[v].of(*seen, k);
-        constexpr double kFloor = 0.05;  // linear
-        const double weight = 1 / (patchColour(k).mean() + kFloor);
-        const Eigen::Vector2d factors(colour(a) - colour(i), colour(b) - colour(i));
-        normal += weight * weight * factors * factors.transpose();
-        right += weight * weight * factors * (patchColour(k)(i) - colour(i));
-      }
-    const Eigen::Vector2d x = normal.ldlt().solve(right);
-    out(i, i) = 1 - x.sum(), out(i, a) = x(0), out(i, b) = x(1);
-  }
+Eigen::Vector3d balanced(const double* values, const Eigen::Vector3d& darkest, const Eigen::Vector3d& seen,
+                         int patch) {
+  const double u = column(patch), v = row(patch), tone = std::exp(values[kTone]);
+  const double* light = values + kLight;
+  const double over_chart =
+      light[0] * u + light[1] * v + light[2] * u * v + light[3] * u * u + light[4] * v * v;
+  Eigen::Vector3d out;
+  for (int c = 0; c < 3; ++c)
+    out(c) = (std::pow(seen(c), tone) - values[kBackscatter + c] * std::pow(darkest(c), tone)) *
+             std::exp(values[kGain + c] + over_chart);
   return out;
 }
 
-void chartErrors(const std::vector<ChartView>& views, const std::vector<Balance>& balances,
-                 const Eigen::Matrix3d& matrix, std::array<double, kPatches>& errors) {
-  for (int k = 0; k < kPatches; ++k) {
-    double sum = 0, count = 0;
-    for (std::size_t v = 0; v < views.size(); ++v)
-      if (const auto& seen = views[v].patches[static_cast<std::size_t>(k)]) {
-        const Eigen::Vector3d colour = (matrix * balances[v].of(*seen, k)).cwiseMax(0);
-        sum += ciede2000(labOf(patchColour(k)), labOf(colour));
-        count += 1;
-      }
-    errors[static_cast<std::size_t>(k)] = count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
-  }
+// Each row adds up to 1: its own element is 1 less the other two.
+Eigen::Matrix3d colourMatrixOf(const double* m) {
+  Eigen::Matrix3d out;
+  out << 1 - m[0] - m[1], m[0], m[1], m[2], 1 - m[2] - m[3], m[3], m[4], m[5], 1 - m[4] - m[5];
+  return out;
 }
+
+// Lab of a patch as corrected less the known one.
+struct PatchResidual {
+  Eigen::Vector3d darkest, seen;
+  int patch;
+  bool operator()(const double* view, const double* matrix, double* residual) const {
+    Eigen::Map<Eigen::Vector3d>{residual} =
+        labOf(colourMatrixOf(matrix) * balanced(view, darkest, seen, patch)) - labOf(patchColour(patch));
+    return true;
+  }
+};
+// Keeps what patches do not determine near zero. Weights are far below those of the patches.
+template <int kValues, int kSize>
+struct Prior {
+  int first;
+  bool operator()(const double* values, double* residual) const {
+    constexpr double kPerUnit = 4;  // CIELAB units
+    for (int i = 0; i < kValues; ++i) residual[i] = kPerUnit * values[first + i];
+    return true;
+  }
+};
+
+class ChartFit {
+ public:
+  explicit ChartFit(const std::vector<ChartView>& views) : views_(views), balances_(views.size()) {}
+
+  // Least squares of all views from this share of backscatter, first without the matrix; returns the cost.
+  double solve(double backscatter) {
+    matrix_ = {};
+    for (std::size_t v = 0; v < views_.size(); ++v) start(views_[v], backscatter, balances_[v]);
+    (void)minimise(true);
+    before_ = errors();
+    return minimise(false);
+  }
+  [[nodiscard]] Eigen::Matrix3d matrix() const { return colourMatrixOf(matrix_.data()); }
+  // CIEDE2000 by patch, mean over views: with the views' balances alone, and with the matrix.
+  [[nodiscard]] const std::array<double, kPatches>& before() const { return before_; }
+  [[nodiscard]] std::array<double, kPatches> errors() const {
+    std::array<double, kPatches> out{};
+    for (int k = 0; k < kPatches; ++k) {
+      double sum = 0, count = 0;
+      for (std::size_t v = 0; v < views_.size(); ++v)
+        if (const auto& seen = views_[v].patches[static_cast<std::size_t>(k)]) {
+          const Balance& b = balances_[v];
+          const Eigen::Vector3d colour = matrix() * balanced(b.values.data(), b.darkest, *seen, k);
+          sum += ciede2000(labOf(patchColour(k)), labOf(colour.cwiseMax(0)));
+          count += 1;
+        }
+      out[static_cast<std::size_t>(k)] = count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
+    }
+    return out;
+  }
+
+ private:
+  static void start(const ChartView& view, double backscatter, Balance& out) {
+    out = {};
+    for (const auto& seen : view.patches) {
+      if (!seen) continue;
+      out.darkest = out.darkest.cwiseMin(seen->cwiseMax(kLeastSample));
+      out.brightest = out.brightest.cwiseMax(*seen);
+    }
+    constexpr double kWhite = 0.85;
+    for (int c = 0; c < 3; ++c) {
+      out.values[static_cast<std::size_t>(kBackscatter + c)] = backscatter;
+      out.values[static_cast<std::size_t>(kGain + c)] =
+          std::log(kWhite / (out.brightest(c) - backscatter * out.darkest(c)));
+    }
+  }
+
+  double minimise(bool balance_alone) {
+    constexpr double kLoss = 6, kMostBackscatter = 0.98;  // CIELAB units; share of the darkest sample
+    ceres::Problem problem;
+    for (std::size_t v = 0; v < views_.size(); ++v) {
+      double* view = balances_[v].values.data();
+      for (int k = 0; k < kPatches; ++k)
+        if (const auto& seen = views_[v].patches[static_cast<std::size_t>(k)])
+          problem.AddResidualBlock(
+              new ceres::NumericDiffCostFunction<PatchResidual, ceres::CENTRAL, 3, kOfView, kOfMatrix>(
+                  new PatchResidual{balances_[v].darkest, seen->cwiseMax(kLeastSample), k}),
+              new ceres::CauchyLoss(kLoss), view, matrix_.data());
+      using OfLight = Prior<kOfView - kLight, kOfView>;
+      problem.AddResidualBlock(
+          new ceres::NumericDiffCostFunction<OfLight, ceres::CENTRAL, kOfView - kLight, kOfView>(
+              new OfLight{kLight}),
+          nullptr, view);
+      for (int c = 0; c < 3; ++c) {
+        problem.SetParameterLowerBound(view, kBackscatter + c, 0);
+        problem.SetParameterUpperBound(view, kBackscatter + c, kMostBackscatter);
+      }
+      if (!views_[v].rendered) problem.SetManifold(view, new ceres::SubsetManifold(kOfView, {kTone}));
+    }
+    using OfMatrix = Prior<kOfMatrix, kOfMatrix>;
+    problem.AddResidualBlock(
+        new ceres::NumericDiffCostFunction<OfMatrix, ceres::CENTRAL, kOfMatrix, kOfMatrix>(new OfMatrix{0}),
+        nullptr, matrix_.data());
+    if (balance_alone) problem.SetParameterBlockConstant(matrix_.data());
+    ceres::Solver::Options options;
+    options.max_num_iterations = 200;
+    options.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, &problem, &summary);
+    return summary.final_cost;
+  }
+
+  static constexpr double kLeastSample = 1e-4;
+  const std::vector<ChartView>& views_;
+  std::vector<Balance> balances_;
+  std::array<double, kOfMatrix> matrix_{};
+  std::array<double, kPatches> before_{};
+};
+
+constexpr double kMostError = 10;  // median CIEDE2000
 
 std::vector<double> known(const std::array<double, kPatches>& errors) {
   std::vector<double> out;
@@ -122,6 +198,28 @@ Eigen::Vector3d patchColour(int patch) {
   return {linearFromSrgb(srgb[0] / 255.0), linearFromSrgb(srgb[1] / 255.0), linearFromSrgb(srgb[2] / 255.0)};
 }
 
+std::optional<double> agreementOf(const ChartView& view) {
+  std::vector<int> patches;
+  for (int k = 0; k < kPatches; ++k)
+    if (view.patches[static_cast<std::size_t>(k)]) patches.push_back(k);
+  if (static_cast<int>(patches.size()) < kFewestPatches) return std::nullopt;
+  const auto rows = static_cast<Eigen::Index>(patches.size());
+  Eigen::MatrixXd known(rows, 4), seen(rows, 3);
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const int k = patches[static_cast<std::size_t>(i)];
+    known.row(i) << 1, patchColour(k).cwiseSqrt().transpose();
+    seen.row(i) = view.patches[static_cast<std::size_t>(k)]->cwiseMax(0).cwiseSqrt().transpose();
+  }
+  const Eigen::MatrixXd left = seen - known * known.colPivHouseholderQr().solve(seen);
+  const Eigen::MatrixXd spread = seen.rowwise() - seen.colwise().mean();
+  std::array<double, 3> explained{};
+  for (Eigen::Index c = 0; c < 3; ++c)
+    explained[static_cast<std::size_t>(c)] =
+        1 - left.col(c).squaredNorm() / std::max(spread.col(c).squaredNorm(), 1e-12);
+  std::sort(explained.begin(), explained.end());
+  return (explained[1] + explained[2]) / 2;
+}
+
 ColourCalibration calibrateColours(const std::vector<ChartView>& views, const std::string& source) {
   if (views.empty()) throw InputError(source, "", "shows no chart");
   for (const ChartView& view : views) {
@@ -132,23 +230,28 @@ ColourCalibration calibrateColours(const std::vector<ChartView>& views, const st
                        "only " + std::to_string(left) + " patches are not clipped; expose less, " +
                            std::to_string(kFewestPatches) + " are needed");
   }
+  // The least cost of two starts: clear water, and much backscatter.
   ColourCalibration out;
-  std::vector<Balance> balances(views.size());
-  const auto balance = [&] {
-    for (std::size_t v = 0; v < views.size(); ++v) balances[v] = balanceOf(views[v], out.matrix);
-  };
-  balance();
-  chartErrors(views, balances, out.matrix, out.before);
-  constexpr int kTurns = 30;
-  for (int turn = 0; turn < kTurns; ++turn) {
-    out.matrix = colourMatrixOf(views, balances);
-    balance();
+  double least = std::numeric_limits<double>::infinity();
+  for (const double backscatter : {0.0, 0.7}) {
+    ChartFit fit(views);
+    const double cost = fit.solve(backscatter);
+    if (!(cost < least)) continue;
+    least = cost;
+    out.matrix = fit.matrix();
+    out.before = fit.before();
+    out.after = fit.errors();
   }
-  chartErrors(views, balances, out.matrix, out.after);
   const std::vector<double> after = known(out.after);
   out.median_before = median(known(out.before));
   out.median_after = median(after);
   out.worst_after = *std::max_element(after.begin(), after.end());
+  if (out.median_after > out.median_before || out.median_after > kMostError)
+    throw InputError(
+        source, "",
+        formatted("the patches are %.1f off with the matrix, %.1f without (median CIEDE2000; at most %.0f): "
+                  "light or haze are too uneven, or patches hidden; nothing is written",
+                  out.median_after, out.median_before, kMostError));
   return out;
 }
 

@@ -146,8 +146,8 @@ Eigen::Matrix3d crosstalk() {
   return out;
 }
 
-// A chart on black in sea water that takes most of the red, lit from the left, in perspective: 12-bit RGGB.
-cv::Mat photograph(double exposure, unsigned seed) {
+// A chart on black in sea water that takes most of the red, lit from the left, in perspective.
+cv::Mat sceneOfChart(double exposure) {
   constexpr int kEdge = 60, kGap = 6, kMargin = 40;  // [px]
   const int width = 6 * (kEdge + kGap) + kGap + 2 * kMargin, height = 4 * (kEdge + kGap) + kGap + 2 * kMargin;
   cv::Mat chart(height, width, CV_32FC3, cv::Scalar::all(0.25));
@@ -166,20 +166,45 @@ cv::Mat photograph(double exposure, unsigned seed) {
   cv::Mat scene(512, 640, CV_32FC3, cv::Scalar::all(0.25));
   cv::warpPerspective(chart, scene, cv::getPerspectiveTransform(from, to), scene.size(), cv::INTER_AREA,
                       cv::BORDER_TRANSPARENT);
-  std::mt19937 random(seed);
-  std::normal_distribution<double> noise(0, 0.003);
   const double water[] = {0.35, 0.9, 0.8};
+  for (int y = 0; y < scene.rows; ++y)
+    for (int x = 0; x < scene.cols; ++x)
+      for (int c = 0; c < 3; ++c)
+        scene.at<cv::Vec3f>(y, x)[c] *=
+            static_cast<float>(exposure * std::exp(-0.3 * x / scene.cols) * water[c]);
+  return scene;
+}
+
+// Samples of 12 bits in the upper part of 16, with noise.
+class Sensor {
+ public:
+  explicit Sensor(unsigned seed) : random_(seed) {}
+  std::uint16_t sample(float light) {
+    const double with_noise = std::round(4095 * (static_cast<double>(light) + noise_(random_)));
+    return cv::saturate_cast<std::uint16_t>(std::clamp(with_noise, 0.0, 4095.0) * 16);
+  }
+
+ private:
+  std::mt19937 random_;
+  std::normal_distribution<double> noise_{0, 0.003};
+};
+cv::Mat photograph(double exposure, unsigned seed) {
+  const cv::Mat scene = sceneOfChart(exposure);
+  Sensor sensor(seed);
   cv::Mat raw(scene.size(), CV_16UC1);
   for (int y = 0; y < raw.rows; ++y)
-    for (int x = 0; x < raw.cols; ++x) {
-      const int c = x % 2 + y % 2;
-      const double light = exposure * std::exp(-0.3 * x / raw.cols) * water[c] *
-                               static_cast<double>(scene.at<cv::Vec3f>(y, x)[c]) +
-                           noise(random);
-      raw.at<std::uint16_t>(y, x) =
-          cv::saturate_cast<std::uint16_t>(std::clamp(std::round(4095 * light), 0.0, 4095.0) * 16);
-    }
+    for (int x = 0; x < raw.cols; ++x)
+      raw.at<std::uint16_t>(y, x) = sensor.sample(scene.at<cv::Vec3f>(y, x)[x % 2 + y % 2]);
   return raw;
+}
+cv::Mat rgbOf(const cv::Mat& scene) {  // blue first, as OpenCV writes it
+  Sensor sensor(4);
+  cv::Mat out(scene.size(), CV_16UC3);
+  for (int y = 0; y < out.rows; ++y)
+    for (int x = 0; x < out.cols; ++x)
+      for (int c = 0; c < 3; ++c)
+        out.at<cv::Vec3w>(y, x)[2 - c] = sensor.sample(scene.at<cv::Vec3f>(y, x)[c]);
+  return out;
 }
 
 class ColourChart : public ::testing::Test {
@@ -195,7 +220,8 @@ class ColourChart : public ::testing::Test {
 TEST_F(ColourChart, AMatrixIsFoundFromChartsThatAreFoundByThemselvesOrByTheirCorners) {
   const auto one = save(photograph(0.9, 1), "one.tif"), other = save(photograph(0.6, 2), "other.tif");
   const topside::Samples rggb = topside::samplesNamed("bayer-rggb");
-  std::vector<ChartView> found{topside::readChart(one, rggb, {}), topside::readChart(other, rggb, {})};
+  std::vector<ChartView> found{topside::readCharts(one, rggb, {}).at(0),
+                               topside::readCharts(other, rggb, {}).at(0)};
   // Where photograph() puts the outer corners of the four patches.
   const cv::Mat place =
       cv::getPerspectiveTransform(std::vector<cv::Point2f>{{0, 0}, {482, 0}, {482, 350}, {0, 350}},
@@ -205,7 +231,7 @@ TEST_F(ColourChart, AMatrixIsFoundFromChartsThatAreFoundByThemselvesOrByTheirCor
                            place);
   topside::ChartCorners given;
   for (std::size_t k = 0; k < 4; ++k) given[k] = {corners[k].x, corners[k].y};
-  for (const auto& views : {found, std::vector{topside::readChart(one, rggb, given)}}) {
+  for (const auto& views : {found, std::vector{topside::readCharts(one, rggb, given).at(0)}}) {
     const ColourCalibration done = calibrateColours(views, "test");
     const double off = (done.matrix * crosstalk() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
     std::printf("matrix off by %.4f; CIEDE2000 %.2f, with it %.2f, worst %.2f\n", off, done.median_before,
@@ -217,9 +243,86 @@ TEST_F(ColourChart, AMatrixIsFoundFromChartsThatAreFoundByThemselvesOrByTheirCor
   }
 }
 
+TEST_F(ColourChart, ChartsAreFoundInEveryOrientationAndSeveralInOneImage) {
+  const cv::Mat upright = sceneOfChart(0.9);
+  const ChartView wanted =
+      topside::readCharts(save(rgbOf(upright), "upright.tif"), topside::Samples::kRgb, {}).at(0);
+  cv::Mat turned, both;
+  for (const int turn : {cv::ROTATE_90_CLOCKWISE, cv::ROTATE_180, cv::ROTATE_90_COUNTERCLOCKWISE}) {
+    cv::rotate(upright, turned, turn);
+    const auto found = topside::readCharts(save(rgbOf(turned), "turned.tif"), topside::Samples::kRgb, {});
+    ASSERT_EQ(found.size(), 1u) << turn;
+    for (std::size_t k = 0; k < kPatches; ++k)
+      EXPECT_LT((*found[0].patches[k] - *wanted.patches[k]).norm(), 0.006) << turn << " " << k;
+  }
+  cv::rotate(sceneOfChart(0.7), turned, cv::ROTATE_180);
+  cv::hconcat(upright, turned, both);
+  const auto found = topside::readCharts(save(rgbOf(both), "both.tif"), topside::Samples::kRgb, {});
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_THAT(found[1].name, testing::EndsWith("both.tif, chart 2"));
+  EXPECT_LT((calibrateColours(found, "test").matrix * crosstalk() - Eigen::Matrix3d::Identity()).norm(),
+            0.004);
+}
+
+TEST_F(ColourChart, WhatIsNoChartAtTheCornersAndAMatrixThatMakesColoursWorseAreRefused) {
+  const auto file = save(photograph(0.9, 1), "one.tif");
+  const topside::ChartCorners beside = {{{60, 40}, {300, 40}, {300, 200}, {60, 200}}};
+  EXPECT_THAT(
+      test::refusal([&] { (void)topside::readCharts(file, topside::samplesNamed("bayer-rggb"), beside); }),
+      testing::HasSubstr("--corners"));
+  ChartView mixed = topside::readCharts(file, topside::samplesNamed("bayer-rggb"), {}).at(0);
+  std::mt19937 random(3);
+  std::shuffle(mixed.patches.begin(), mixed.patches.end(), random);
+  EXPECT_LT(agreementOf(mixed).value(), kAgrees);
+  EXPECT_THAT(test::refusal([&] { (void)calibrateColours({mixed}, "test"); }),
+              testing::HasSubstr("nothing is written"));
+}
+
+TEST_F(ColourChart, OfRealPhotographsInAirAndWaterEachGivesABetterMatrixOrIsRefusedWithTheReason) {
+  FATHOM_REQUIRE_DATA("colour/calib_1_above.png");
+  struct Photograph {
+    const char* name;
+    std::size_t charts;
+    double most;  // median CIEDE2000 with the matrix, twice what was measured; 0: refused
+    const char* reason;
+  };
+  for (const Photograph& p :
+       std::vector<Photograph>{{"calib_1_above.png", 1, 8.2, ""},
+                               {"calib_2_above.jpg", 2, 6.2, ""},
+                               {"ColorChart_325_110_led.bmp.xz", 1, 10, ""},
+                               {"ColorChart_325_110_natural.bmp.xz", 1, 0, "nothing is written"},
+                               {"ColorChart_325_60_led.bmp.xz", 0, 0, "most are clipped"},
+                               {"calib_1_under.png", 1, 0, "nothing is written"},
+                               {"calib_2_under.jpg", 1, 0, "nothing is written"}}) {
+    std::filesystem::path file = test::dataFile(std::string("colour/") + p.name);
+    if (file.extension() == ".xz") {
+      const std::filesystem::path unpacked = folder_.path() / file.stem();
+      ASSERT_EQ(std::system(("xz -dc '" + file.string() + "' > '" + unpacked.string() + "'").c_str()), 0);
+      file = unpacked;
+    }
+    ColourCalibration done;
+    std::size_t charts = 0;
+    const std::string refused = test::refusal([&] {
+      const auto views = topside::readCharts(file, topside::Samples::kAuto, {});
+      charts = views.size();
+      done = calibrateColours(views, file.string());
+    });
+    std::printf("%s: %zu charts, %.1f, with the matrix %.1f %s\n", p.name, charts, done.median_before,
+                done.median_after, refused.c_str());
+    EXPECT_EQ(charts, p.charts) << p.name;
+    if (p.most == 0) {
+      EXPECT_THAT(refused, testing::HasSubstr(p.reason)) << p.name;
+    } else {
+      EXPECT_EQ(refused, "") << p.name;
+      EXPECT_LT(done.median_after, p.most) << p.name;
+      EXPECT_LE(done.median_after, done.median_before) << p.name;
+    }
+  }
+}
+
 TEST_F(ColourChart, ClippedPatchesAreLeftOutAndTooManyAreRefused) {
   const topside::Samples rggb = topside::samplesNamed("bayer-rggb");
-  const ChartView bright = topside::readChart(save(photograph(1.35, 3), "bright.tif"), rggb, {});
+  const ChartView bright = topside::readCharts(save(photograph(1.35, 3), "bright.tif"), rggb, {}).at(0);
   EXPECT_FALSE(bright.patches[18].has_value());  // white
   EXPECT_TRUE(bright.patches[23].has_value());
   const Eigen::Matrix3d left = calibrateColours({bright}, "test").matrix * crosstalk();
@@ -229,7 +332,7 @@ TEST_F(ColourChart, ClippedPatchesAreLeftOutAndTooManyAreRefused) {
   for (std::size_t k = 0; k < 15; ++k) few.patches[k].reset();
   EXPECT_THROW((void)calibrateColours({few}, "test"), InputError);
   EXPECT_THROW(
-      (void)topside::readChart(save(cv::Mat(480, 640, CV_16UC1, cv::Scalar(9000)), "bare.tif"), rggb, {}),
+      (void)topside::readCharts(save(cv::Mat(480, 640, CV_16UC1, cv::Scalar(9000)), "bare.tif"), rggb, {}),
       InputError);
 }
 

@@ -188,8 +188,8 @@ TEST_F(SensorFault, UsblErrorsOfTheShipAndTheWater) {
   for (const UsblFix& fix : usbl(sailing))
     EXPECT_LT((placeOf(fix) - truePlace(fix)).norm(), 0.01) << "the ship knows where it is";
   UsblConfig multipath = exact;
-  multipath.multipath = {{60, 120, 7, -3}};
-  multipath.wrong_targets = {{130, 180, 55, 66}};
+  multipath.multipath = {{{60, 120}, 7, -3}};
+  multipath.wrong_targets = {{{130, 180}, 55, 66}};
   int echoes = 0, wrong = 0;
   for (const UsblFix& fix : usbl(multipath)) {
     const double t = timeOf(fix.utc_ns);

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <numbers>
 #include <random>
+#include <span>
 #include <vector>
 
 #include "recon/navigation/graph/navigation_batch.hpp"
@@ -300,16 +301,21 @@ inline void turnAll(SyntheticDive& survey, const Eigen::Matrix3d& by) {
   return out;
 }
 
+// The items of a sorted list whose `key` is `k` (clang 14 cannot read the library's subranges).
+template <typename Item>
+std::span<const Item> itemsOf(const std::vector<Item>& sorted, int Item::*key, int k) {
+  return {std::ranges::lower_bound(sorted, k, {}, key), std::ranges::upper_bound(sorted, k, {}, key)};
+}
+
 // What is measured of a keyframe that the graph has just taken: visual odometry, a step, fixes, closures with
 // those that have not retired.
 inline void measure(NavigationGraph& graph, const SyntheticDive& s, const SyntheticDiveOptions& o, int k) {
-  for (const SyntheticDive::Link& link : std::ranges::equal_range(s.visual, k, {}, &SyntheticDive::Link::b))
+  for (const SyntheticDive::Link& link : itemsOf(s.visual, &SyntheticDive::Link::b, k))
     (void)graph.addLink(LinkKind::kOdometry, k - 1, k, link.T_a_b, s.link_covariance);
   (void)graph.step();
-  for (const SyntheticDive::Fix& fix :
-       std::ranges::equal_range(s.fixes, k, {}, &SyntheticDive::Fix::keyframe))
+  for (const SyntheticDive::Fix& fix : itemsOf(s.fixes, &SyntheticDive::Fix::keyframe, k))
     (void)graph.addFix(k, fix.antenna_in_odom, fix.north_east, o.usbl_sigma, true);
-  for (const SyntheticDive::Link& link : std::ranges::equal_range(s.closures, k, {}, &SyntheticDive::Link::b))
+  for (const SyntheticDive::Link& link : itemsOf(s.closures, &SyntheticDive::Link::b, k))
     if (graph.has(link.a)) (void)graph.addLink(LinkKind::kClosure, link.a, k, link.T_a_b, s.link_covariance);
 }
 

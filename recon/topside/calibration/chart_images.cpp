@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
-#include <opencv2/mcc.hpp>
 
 #include "realtime/base/input_error.hpp"
 #include "recon/geometry/colour.hpp"
-#include "recon/lighting/lighting_model.hpp"
+#include "recon/topside/calibration/chart_finder.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -16,11 +14,11 @@ namespace {
 using calibration::kChartColumns;
 using calibration::kChartRows;
 
-// Patches are 1 wide and kStep apart on the chart.
-constexpr double kStep = 1.1, kBorder = 0.1;
-constexpr double kAcross = kStep * (kChartColumns - 1) + 1, kDown = kStep * (kChartRows - 1) + 1;
+// Corners of the outer patches from their centres, in steps from patch to patch: patches are 1 wide and 1.1
+// apart.
+constexpr double kHalf = 0.5 / 1.1;
 
-// For the eye, and for mcc: each channel stretched to its own brightest, in 8 bits, blue first.
+// Each channel stretched to its own brightest, in 8 bits, blue first.
 cv::Mat stretchedBgr(const ImageView& image) {
   const cv::Mat in(image.height, image.width,
                    image.format == PixelFormat::kRgb ? (image.bits == 8 ? CV_8UC3 : CV_16UC3)
@@ -44,29 +42,6 @@ cv::Mat stretchedBgr(const ImageView& image) {
   std::reverse(channels.begin(), channels.end());
   cv::merge(channels, out);
   out.convertTo(out, CV_8U, 255);
-  return out;
-}
-
-ChartCorners findCorners(const ImageView& image, const std::filesystem::path& file) {
-  const auto detector = cv::mcc::CCheckerDetector::create();
-  const cv::Mat bgr = stretchedBgr(image);
-  if (!detector->process(bgr, cv::mcc::MCC24) || detector->getListColorChecker().empty())
-    throw InputError(file.string(), "", "shows no chart of 24 patches that could be found; give --corners");
-  const std::vector<cv::Point2f> box = detector->getBestColorChecker()->getBox();
-  // The box has a border about the patches.
-  const std::vector<cv::Point2f> chart{
-      {static_cast<float>(-kBorder), static_cast<float>(-kBorder)},
-      {static_cast<float>(kAcross + kBorder), static_cast<float>(-kBorder)},
-      {static_cast<float>(kAcross + kBorder), static_cast<float>(kDown + kBorder)},
-      {static_cast<float>(-kBorder), static_cast<float>(kDown + kBorder)}};
-  std::vector<cv::Point2f> corners;
-  cv::perspectiveTransform(std::vector<cv::Point2f>{{0, 0},
-                                                    {static_cast<float>(kAcross), 0},
-                                                    {static_cast<float>(kAcross), static_cast<float>(kDown)},
-                                                    {0, static_cast<float>(kDown)}},
-                           corners, cv::getPerspectiveTransform(chart, box));
-  ChartCorners out;
-  for (std::size_t k = 0; k < out.size(); ++k) out[k] = {corners[k].x, corners[k].y};
   return out;
 }
 
@@ -101,40 +76,99 @@ std::optional<Eigen::Vector3d> meanWithin(const ImageView& image, const std::vec
   return sum.cwiseQuotient(count);
 }
 
+// What the camera saw on the patches of a chart at `place`.
+calibration::ChartView readPatches(const ImageView& image, const ChartPlace& place, const std::string& name) {
+  constexpr double kMiddle = 0.225;  // of a patch's step, from its centre
+  calibration::ChartView view;
+  view.name = name;
+  view.rendered = image.format == PixelFormat::kRgb && image.bits == 8;
+  for (int k = 0; k < calibration::kPatches; ++k) {
+    const int row = k / kChartColumns, column = k % kChartColumns;
+    const std::vector<cv::Point2d> middle{{column - kMiddle, row - kMiddle},
+                                          {column + kMiddle, row - kMiddle},
+                                          {column + kMiddle, row + kMiddle},
+                                          {column - kMiddle, row + kMiddle}};
+    std::vector<cv::Point2d> quad;
+    cv::perspectiveTransform(middle, quad, place);
+    view.patches[static_cast<std::size_t>(k)] =
+        meanWithin(image, std::vector<cv::Point>(quad.begin(), quad.end()));
+  }
+  return view;
+}
+
+ChartPlace placeAt(const ChartCorners& corners, const ImageView& image, const std::string& file) {
+  std::vector<cv::Point2f> to;
+  for (const Eigen::Vector2d& p : corners) {
+    if (!(p.x() >= 0 && p.y() >= 0 && p.x() < image.width && p.y() < image.height))
+      throw InputError(file, "--corners", "a corner is outside the image");
+    to.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
+  }
+  const auto low = static_cast<float>(-kHalf), right = static_cast<float>(kChartColumns - 1 + kHalf),
+             bottom = static_cast<float>(kChartRows - 1 + kHalf);
+  return cv::getPerspectiveTransform(
+      std::vector<cv::Point2f>{{low, low}, {right, low}, {right, bottom}, {low, bottom}}, to);
+}
+
 }  // namespace
 
-calibration::ChartView readChart(const std::filesystem::path& file, Samples samples,
-                                 const std::optional<ChartCorners>& corners) {
+std::vector<calibration::ChartView> readCharts(const std::filesystem::path& file, Samples samples,
+                                               const std::optional<ChartCorners>& corners) {
   const io::ImageFile image = readSamples(file, samples);
   if (image.view.format == PixelFormat::kMono)
     throw InputError(file.string(), "",
                      "is grey; give --format, such as bayer-rggb, or another camera's image");
-  const ChartCorners at = corners ? *corners : findCorners(image.view, file);
-  std::vector<cv::Point2f> to;
-  for (const Eigen::Vector2d& p : at) {
-    if (!(p.x() >= 0 && p.y() >= 0 && p.x() < image.view.width && p.y() < image.view.height))
-      throw InputError(file.string(), "--corners", "a corner is outside the image");
-    to.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
+  if (corners) {
+    calibration::ChartView view =
+        readPatches(image.view, placeAt(*corners, image.view, file.string()), file.string());
+    if (const auto agreement = calibration::agreementOf(view); agreement && *agreement < calibration::kAgrees)
+      throw InputError(
+          file.string(), "--corners",
+          "the colours there are not those of a chart of 24 patches; give the corners of dark skin, "
+          "bluish green, black and white");
+    return {view};
   }
-  const cv::Mat place = cv::getPerspectiveTransform(
-      std::vector<cv::Point2f>{{0, 0},
-                               {static_cast<float>(kAcross), 0},
-                               {static_cast<float>(kAcross), static_cast<float>(kDown)},
-                               {0, static_cast<float>(kDown)}},
-      to);
-  calibration::ChartView view;
-  view.name = file.string();
-  for (int k = 0; k < calibration::kPatches; ++k) {
-    const double x = kStep * (k % kChartColumns), y = kStep * (k / kChartColumns);
-    constexpr double kIn = 0.25, kOut = 0.75;  // the patch's middle
-    const std::vector<cv::Point2d> middle{
-        {x + kIn, y + kIn}, {x + kOut, y + kIn}, {x + kOut, y + kOut}, {x + kIn, y + kOut}};
-    std::vector<cv::Point2d> quad;
-    cv::perspectiveTransform(middle, quad, place);
-    view.patches[static_cast<std::size_t>(k)] =
-        meanWithin(image.view, std::vector<cv::Point>(quad.begin(), quad.end()));
+  struct Candidate {
+    double agreement = calibration::kAgrees;
+    ChartPlace place;
+    calibration::ChartView view;
+  };
+  std::vector<Candidate> candidates;
+  bool clipped = false;
+  for (const std::vector<ChartPlace>& places : chartPlaces(stretchedBgr(image.view))) {
+    Candidate best;
+    bool readable = places.empty();
+    for (const ChartPlace& place : places) {
+      calibration::ChartView view = readPatches(image.view, place, file.string());
+      const auto agreement = calibration::agreementOf(view);
+      readable = readable || agreement;
+      if (agreement && *agreement >= best.agreement) best = {*agreement, place, std::move(view)};
+    }
+    clipped = clipped || !readable;
+    if (!best.view.name.empty()) candidates.push_back(std::move(best));
   }
-  return view;
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.agreement > b.agreement; });
+  // The best of several lattices on one chart.
+  std::vector<ChartPlace> taken;
+  std::vector<calibration::ChartView> out;
+  for (Candidate& one : candidates) {
+    const auto inside = [&](const ChartPlace& other) {
+      const cv::Vec3d middle =
+          other.inv() * one.place * cv::Vec3d(0.5 * (kChartColumns - 1), 0.5 * (kChartRows - 1), 1);
+      const double x = middle[0] / middle[2], y = middle[1] / middle[2];
+      return x > -kHalf && x < kChartColumns - 1 + kHalf && y > -kHalf && y < kChartRows - 1 + kHalf;
+    };
+    if (std::any_of(taken.begin(), taken.end(), inside)) continue;
+    taken.push_back(one.place);
+    out.push_back(std::move(one.view));
+  }
+  if (out.empty())
+    throw InputError(file.string(), "",
+                     clipped ? "shows squares like those of a chart, but most are clipped; expose less"
+                             : "shows no chart of 24 patches that could be found; give --corners");
+  for (std::size_t k = 0; k < out.size() && out.size() > 1; ++k)
+    out[k].name += ", chart " + std::to_string(k + 1);
+  return out;
 }
 
 }  // namespace fathom::topside

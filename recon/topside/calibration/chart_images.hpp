@@ -14,10 +14,12 @@ namespace fathom::topside {
 // Outer corners of the patches dark skin, bluish green, black and white, as u, v [px].
 using ChartCorners = std::array<Eigen::Vector2d, 4>;
 
-// Reads an image of a colour chart and what the camera saw on its patches, in linear light (RGB of 8 bits is
-// taken to be sRGB). The chart is found by OpenCV (mcc) unless its corners are given. Throws InputError,
-// which names the file: no colours, no chart, corners outside.
-[[nodiscard]] calibration::ChartView readChart(const std::filesystem::path& file, Samples samples,
-                                               const std::optional<ChartCorners>& corners);
+// Reads what the camera saw on the patches of every colour chart in an image, in linear light (RGB of 8 bits
+// is taken to be sRGB). Charts in any orientation are found (chart_finder.hpp) where their colours agree with
+// the known ones, or one is read between given corners. Throws InputError, which names the file: no colours,
+// no chart, most patches clipped, corners outside or of something else.
+[[nodiscard]] std::vector<calibration::ChartView> readCharts(const std::filesystem::path& file,
+                                                             Samples samples,
+                                                             const std::optional<ChartCorners>& corners);
 
 }  // namespace fathom::topside

@@ -27,13 +27,16 @@ int calibrateColour(const CalibrateColourOptions& o) {
   }
   std::vector<calibration::ChartView> views;
   for (const std::filesystem::path& image : o.images) {
-    views.push_back(readChart(image, samplesNamed(o.format), corners));
-    for (int k = 0; k < calibration::kPatches; ++k)
-      if (!views.back().patches[static_cast<std::size_t>(k)])
-        std::printf("%s: %s is clipped or too small, left out\n", image.c_str(), calibration::patchName(k));
+    for (calibration::ChartView& view : readCharts(image, samplesNamed(o.format), corners)) {
+      for (int k = 0; k < calibration::kPatches; ++k)
+        if (!view.patches[static_cast<std::size_t>(k)])
+          std::printf("%s: %s is clipped or too small, left out\n", view.name.c_str(),
+                      calibration::patchName(k));
+      views.push_back(std::move(view));
+    }
   }
   const calibration::ColourCalibration done = calibrateColours(views, o.images[0].string());
-  std::printf("CIEDE2000         white balance alone   with the matrix\n");
+  std::printf("CIEDE2000          without the matrix   with the matrix\n");
   for (int k = 0; k < calibration::kPatches; ++k) {
     const auto i = static_cast<std::size_t>(k);
     if (!std::isnan(done.after[i]))

@@ -182,8 +182,7 @@ class ArmedMission final : public Playback {
 // Shows the judge the visible state of the program, independently of the program's threads.
 class Observer {
  public:
-  Observer(LiveSystem& live, const rt::VehicleClock& clock, VehicleSeen& seen)
-      : live_(live), clock_(clock), seen_(seen), thread_([this] { run(); }) {}
+  Observer(LiveSystem& live, VehicleSeen& seen) : live_(live), seen_(seen), thread_([this] { run(); }) {}
   ~Observer() {
     stop_ = true;
     thread_.join();
@@ -221,7 +220,6 @@ class Observer {
   }
 
   LiveSystem& live_;
-  const rt::VehicleClock& clock_;
   VehicleSeen& seen_;
   std::uint64_t beats_ = 0;
   Eigen::Vector3d position_ = Eigen::Vector3d::Zero();
@@ -290,7 +288,7 @@ int runVehicle(const VehiclePlaces& places) {
   if (seen->shift_ns == 0) seen->shift_ns = played.shiftToBegin(clock.utcNs());
   LiveSystem::End end;
   {
-    const Observer observer(live, clock, *seen);
+    const Observer observer(live, *seen);
     while (!seen->end) {
       for (const std::string& event : live.supervise()) say(event);
       rt::restFor(kSupervise_ns);

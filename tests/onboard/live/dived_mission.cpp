@@ -25,12 +25,12 @@ std::unique_ptr<LiveSystem> DivedMission::start(const fs::path& folder, bool cle
 }
 
 bool DivedMission::superviseUntil(LiveSystem& live, const std::function<bool()>& done, double most_s) {
-  constexpr std::int64_t kLook_ns = 50'000'000;
+  constexpr std::int64_t kBetweenLooks_ns = 50'000'000;
   const std::int64_t end = clock_.utcNs() + static_cast<std::int64_t>(most_s * 1e9);
   while (!done()) {
     if (clock_.utcNs() >= end) return false;
     for (std::string& event : live.supervise()) said_.push_back(std::move(event));
-    clock_.sleepUntil(clock_.monotonicNs() + static_cast<std::int64_t>(kRate * kLook_ns));
+    clock_.sleepUntil(clock_.monotonicNs() + static_cast<std::int64_t>(kRate * kBetweenLooks_ns));
   }
   return true;
 }
