@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
 
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/numbers/order_statistics.hpp"
@@ -45,7 +44,7 @@ double row(int patch) {
 constexpr int kBackscatter = 0, kGain = 3, kLight = 6, kTone = 11, kOfView = 12, kOfMatrix = 6;
 struct Balance {
   std::array<double, kOfView> values{};
-  Eigen::Vector3d darkest = Eigen::Vector3d::Ones(), brightest = Eigen::Vector3d::Zero();
+  Eigen::Vector3d darkest = Eigen::Vector3d::Ones();
 };
 
 Eigen::Vector3d balanced(const double* values, const Eigen::Vector3d& darkest, const Eigen::Vector3d& seen,
@@ -72,14 +71,15 @@ Eigen::Matrix3d colourMatrixOf(const double* m) {
 struct PatchResidual {
   Eigen::Vector3d darkest, seen;
   int patch;
+  Eigen::Vector3d known_lab;
   bool operator()(const double* view, const double* matrix, double* residual) const {
     Eigen::Map<Eigen::Vector3d>{residual} =
-        labOf(colourMatrixOf(matrix) * balanced(view, darkest, seen, patch)) - labOf(patchColour(patch));
+        labOf(colourMatrixOf(matrix) * balanced(view, darkest, seen, patch)) - known_lab;
     return true;
   }
 };
 // Keeps what patches do not determine near zero. Weights are far below those of the patches.
-template <int kValues, int kSize>
+template <int kValues>
 struct Prior {
   int first;
   bool operator()(const double* values, double* residual) const {
@@ -123,16 +123,17 @@ class ChartFit {
  private:
   static void start(const ChartView& view, double backscatter, Balance& out) {
     out = {};
+    Eigen::Vector3d brightest = Eigen::Vector3d::Zero();
     for (const auto& seen : view.patches) {
       if (!seen) continue;
       out.darkest = out.darkest.cwiseMin(seen->cwiseMax(kLeastSample));
-      out.brightest = out.brightest.cwiseMax(*seen);
+      brightest = brightest.cwiseMax(*seen);
     }
     constexpr double kWhite = 0.85;
     for (int c = 0; c < 3; ++c) {
       out.values[static_cast<std::size_t>(kBackscatter + c)] = backscatter;
       out.values[static_cast<std::size_t>(kGain + c)] =
-          std::log(kWhite / (out.brightest(c) - backscatter * out.darkest(c)));
+          std::log(kWhite / (brightest(c) - backscatter * out.darkest(c)));
     }
   }
 
@@ -145,9 +146,10 @@ class ChartFit {
         if (const auto& seen = views_[v].patches[static_cast<std::size_t>(k)])
           problem.AddResidualBlock(
               new ceres::NumericDiffCostFunction<PatchResidual, ceres::CENTRAL, 3, kOfView, kOfMatrix>(
-                  new PatchResidual{balances_[v].darkest, seen->cwiseMax(kLeastSample), k}),
+                  new PatchResidual{balances_[v].darkest, seen->cwiseMax(kLeastSample), k,
+                                    labOf(patchColour(k))}),
               new ceres::CauchyLoss(kLoss), view, matrix_.data());
-      using OfLight = Prior<kOfView - kLight, kOfView>;
+      using OfLight = Prior<kOfView - kLight>;
       problem.AddResidualBlock(
           new ceres::NumericDiffCostFunction<OfLight, ceres::CENTRAL, kOfView - kLight, kOfView>(
               new OfLight{kLight}),
@@ -158,7 +160,7 @@ class ChartFit {
       }
       if (!views_[v].rendered) problem.SetManifold(view, new ceres::SubsetManifold(kOfView, {kTone}));
     }
-    using OfMatrix = Prior<kOfMatrix, kOfMatrix>;
+    using OfMatrix = Prior<kOfMatrix>;
     problem.AddResidualBlock(
         new ceres::NumericDiffCostFunction<OfMatrix, ceres::CENTRAL, kOfMatrix, kOfMatrix>(new OfMatrix{0}),
         nullptr, matrix_.data());

@@ -16,8 +16,8 @@ namespace {
 
 constexpr int kMaxSide = 65535;      // [px]
 constexpr float kMinSigma = 0.002F;  // floor of the signal's sigma, of full scale: half a level of 8 bits
-constexpr float kMinContrast =
-    0.04F;  // floor of sigma over mean: in denser haze, gain would amplify noise alone
+// Floor of sigma over mean: in denser haze, gain would amplify noise alone.
+constexpr float kMinContrast = 0.04F;
 constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 4;
 
 void require(bool holds, const char* what) {

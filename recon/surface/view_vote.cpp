@@ -26,8 +26,8 @@ constexpr float kSpread = 3.0F;  // times the median difference of all views at 
 // Difference of logarithms above which neighbours of an outlier are outliers too: the low band spreads its
 // colour.
 constexpr float kFringe = 0.12F;
-constexpr float kDark =
-    12.0F;  // grey levels added before the logarithm, so that noise of dark nodes stays small
+// Grey levels added before the logarithm, so that noise of dark nodes stays small.
+constexpr float kDark = 12.0F;
 
 // log(v) for v >= 1, to 1e-4, the same on every processor.
 float logarithm(float v) {

@@ -15,8 +15,7 @@ enum class CanLine : std::uint8_t {
   kFrame,   // an extended data frame
   kPacket,  // a whole message
   kBlank,   // empty, or a comment that begins with #
-  kOther,   // a valid line of another frame: 11-bit identifier, remote, error, CAN FD, or internal to a
-            // gateway
+  kOther,   // a valid line of another frame: 11-bit identifier, remote, error, CAN FD, gateway's own
   kBroken,  // none of these
 };
 

@@ -258,8 +258,8 @@ class IncrementalSolver {
   double damping_ = 0;           // of the next factor
   std::int64_t moves_ = 0;       // of poses by iterations
   std::int64_t next_start_ = 0;  // births of measurements before poses may be recomposed
-  double short_closures_ =
-      1;  // share of closures, newest weigh most, with one of the `kept_last` newest poses
+  // Share of closures, newest weigh most, with one of the `kept_last` newest poses.
+  double short_closures_ = 1;
   std::int64_t work_of_update_ = 1, work_of_build_ = 0, build_work_ = 0;
   std::int64_t poses_ever_ = 0, retired_ = 0;  // of poses
   int thinning_ = 0;                           // of measurements for which there is no room; 0: all are taken
