@@ -228,15 +228,17 @@ const SlamResult* Dive::localised() {
     slam_ = loadSlam(file);
     slam_->seconds = store_.costs(nameOf(Stage::kLocalise))["all"];
     poses.add(file.content());
-    applyScale(slam_->control.scale);
+    applyScale(slam_->scale.scale * slam_->control.scale);
   }
   poses_content_ = poses.finish();
   localised_ = true;
   T_nav_cam_ = cameraPoses(this->poses(), input_.mission.T_body_cam);
+  for (std::size_t k = 0; k < T_nav_cam_.size(); ++k)
+    if (!this->poses()[k].T_nav_body) prepared_->leaveOut(k);
   return slam_ ? &*slam_ : nullptr;
 }
 
-// Applies the scale that control points gave to all that images have measured.
+// Applies the scale that the DVL and control points gave to all that images have measured.
 void Dive::applyScale(double scale) {
   input_.rig = grown(input_.rig, scale);
   for (ColourCamera& camera : input_.colour_cameras) camera.T_cam_left = grown(camera.T_cam_left, scale);

@@ -328,8 +328,8 @@ void Renderer::Impl::blurAll(const CameraView& view, const PhotoConditions& cond
       const auto pixel =
           static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width) + static_cast<std::size_t>(x);
       const Eigen::Vector2f ray = view.rays.at(x, y);
-      const double z = 1 / std::max(1e-3, static_cast<double>(inverse_range[pixel]));
-      const Eigen::Vector3d end = T_end_begin * (z * Eigen::Vector3d(ray.x(), ray.y(), 1));
+      const double range = 1 / std::max(1e-3, static_cast<double>(inverse_range[pixel]));
+      const Eigen::Vector3d end = T_end_begin * (range * Eigen::Vector3d(ray.x(), ray.y(), 1).normalized());
       return static_cast<float>(focal) * ((end.head<2>() / end.z()).cast<float>() - ray);
     });
   }

@@ -41,6 +41,10 @@ bool bitAt(const auto& steps, std::size_t slot) {
   return (steps[slot / 64] >> (slot % 64) & 1U) != 0;
 }
 
+double compassSigma(const StepTurns& step) {
+  return std::max(kCompassStep, step.compass_sigma);
+}
+
 void setBit(auto& steps, std::size_t slot, bool value) {
   const std::uint64_t bit = std::uint64_t{1} << (slot % 64);
   steps[slot / 64] = value ? steps[slot / 64] | bit : steps[slot / 64] & ~bit;
@@ -66,7 +70,7 @@ HeadingGate::Joined HeadingGate::join(const StepTurns& s) {
   if (s.has_visual && s.has_gyro) {
     const double apart = wrapAngle(gyro - s.visual), spread = std::hypot(gyro_sigma, s.visual_sigma);
     const auto near = [&](double turn, double sigma) {
-      return std::abs(wrapAngle(turn - s.compass)) < kGateSigmas * std::hypot(sigma, kCompassStep);
+      return std::abs(wrapAngle(turn - s.compass)) < kGateSigmas * std::hypot(sigma, compassSigma(s));
     };
     if (std::abs(apart) <= kGateSigmas * spread) {
       out.turn = s.visual;
@@ -117,7 +121,8 @@ void HeadingGate::follow(History h, const StepTurns& step, bool jumped) {
   }
   if (relocks_ || step.compass_jumped) h.constant = reckoned_;
   const double off = wrapAngle(reckoned_ - h.constant);
-  const double usual = kUsualOff + kUsualOffTurn * std::sqrt(turned_), cost = off * off / (usual * usual);
+  const double usual = compassSigma(step) / kCompassStep * (kUsualOff + kUsualOffTurn * std::sqrt(turned_)),
+               cost = off * off / (usual * usual);
   const bool rejected = cost > kAnomalyCost;
   setBit(h.rejected, at, rejected);
   setBit(h.biased, at, std::abs(off) > kMargin * usual / kUsualOff);
@@ -146,7 +151,7 @@ void HeadingGate::add(const StepTurns& step) {
              (step.compass_jumped && step.compass_held);
   const bool jump = joined.alone && !step.compass_held && !step.compass_jumped &&
                     std::abs(contradiction) >
-                        std::max(kLeastJump, kGateSigmas * std::hypot(step.visual_sigma, kCompassStep));
+                        std::max(kLeastJump, kGateSigmas * std::hypot(step.visual_sigma, compassSigma(step)));
   next_count_ = 0;
   for (int i = 0; i < count_; ++i) {
     History h = histories_[static_cast<std::size_t>(i)];

@@ -13,6 +13,7 @@ struct StepTurns {
   double compass = 0;
   bool compass_held = false;    // at the step's end: the compass is silent
   bool compass_jumped = false;  // a jump was removed from its readings on the step: its reference is another
+  double compass_sigma = 0;     // of its turn, where the dive shows more than a good compass has
   double visual = 0, visual_sigma = 0;
   bool has_visual = false;
   // The link agrees with depth, tilt and DVL in all but this turn, or with a second link.

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/units.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
 
 namespace fathom::slam {
@@ -168,6 +169,45 @@ NavigationSolution judged(NavigationConfig config, const std::vector<KeyframeInp
 }
 
 }  // namespace
+
+SensorNoise noiseBySteps(const SensorNoise& noise, const std::vector<KeyframeInput>& frames,
+                         const std::vector<NavigationLink>& links, const Eigen::Vector3d& dvl_in_camera) {
+  constexpr double kOfPlaces = 2.146;  // the length of a vector of two normal variables at kMostChanges
+  SensorNoise seen = noise;
+  std::vector<double> tilts, headings, velocities;
+  const auto forSteps = [&](const auto& take) {
+    for (const NavigationLink& link : links) {
+      const KeyframeInput &a = frames[link.a], &b = frames[link.b];
+      if (link.ofChain() && !a.attitude_held && !b.attitude_held && !b.compass_jumped && b.untilted_s == 0)
+        take(link, a, b);
+    }
+  };
+  forSteps([&](const NavigationLink& link, const KeyframeInput& a, const KeyframeInput& b) {
+    const Eigen::Quaterniond by_images = a.T_odom_cam.rotation() * link.T_a_b.rotation();
+    const Eigen::Vector3d off =
+        SE3(by_images * b.T_odom_cam.rotation().conjugate(), Eigen::Vector3d::Zero()).log().tail<3>();
+    tilts.insert(tilts.end(), {std::abs(off.x()), std::abs(off.y())});
+    headings.push_back(std::abs(off.z()));
+  });
+  if (headings.empty()) return seen;
+  seen.heading = std::max(noise.heading, valueAt(headings, kMostChanges) / kOfChanges);
+  seen.tilt = std::max(noise.tilt, valueAt(tilts, kMostChanges) / kOfChanges);
+  forSteps([&](const NavigationLink& link, const KeyframeInput& a, const KeyframeInput& b) {
+    if (b.unlocked_s > 0) return;
+    const SE3 by_images = a.T_odom_cam * link.T_a_b;
+    StepQuality quality;
+    quality.seconds = rt::seconds(b.utc_ns - a.utc_ns);
+    quality.turn = by_images.rotation().angularDistance(a.T_odom_cam.rotation());
+    const double path = (link.T_a_b * dvl_in_camera - dvl_in_camera).norm(),
+                 off =
+                     (by_images * dvl_in_camera - b.T_odom_cam * dvl_in_camera).head<2>().norm() / kOfPlaces,
+                 white2 = noise.dvl_velocity * noise.dvl_velocity * quality.seconds / noise.dvl_rate,
+                 sigma = stepSigma(path, quality, seen);
+    if (white2 > 0) velocities.push_back(1 + (off * off - sigma * sigma) / white2);
+  });
+  if (!velocities.empty()) seen.dvl_velocity *= std::sqrt(std::max(1.0, valueAt(velocities, kMostChanges)));
+  return seen;
+}
 
 SensorNoise adaptedNoise(const SensorNoise& noise, const std::vector<KeyframeInput>& frames,
                          const std::vector<NavigationFix>& fixes, const NavigationSolution& solved) {

@@ -59,6 +59,14 @@ struct NavigationSolution {
                                                  std::vector<NavigationFix>& fixes,
                                                  NavigationSolution before = {});
 
+// `noise` as it shows before anything is solved, by steps that dead reckoning and visual odometry (`links`)
+// both measured: a compass in turns or over iron, roll and pitch in swell, a DVL over sea grass may err by
+// more than instruments of their class, and gates that do not know it take right images for wrong ones.
+// `dvl_in_camera`: the DVL's place [m].
+[[nodiscard]] SensorNoise noiseBySteps(const SensorNoise& noise, const std::vector<KeyframeInput>& frames,
+                                       const std::vector<NavigationLink>& links,
+                                       const Eigen::Vector3d& dvl_in_camera);
+
 // `noise` adapted to a solved dive: the error that all readings of a sensor share is at least as large as the
 // variation of its readings over the dive (a compass deviation that changes by ten degrees from line to line
 // may be off by as much on all of them; roll and pitch likewise); the error of one reading, as the change to

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
@@ -34,8 +35,7 @@ double stepSeconds(std::int64_t ns) {
 }
 
 bool isMeasured(const KeyframeInput& frame) {
-  return !frame.attitude_held && !frame.depth_held && !frame.compass_jumped && frame.unlocked_s == 0 &&
-         frame.untilted_s == 0;
+  return !frame.attitude_held && !frame.depth_held && !frame.compass_jumped && frame.untilted_s == 0;
 }
 
 // Of frame k, by those beside it.
@@ -49,6 +49,7 @@ Matrix6d reckoningSpread(const KeyframeInput& a, const KeyframeInput& b, double 
                          const SensorNoise& noise) {
   StepQuality quality;
   quality.seconds = stepSeconds(b.utc_ns - a.utc_ns);
+  quality.seconds_unlocked = b.unlocked_s;
   const double path = (b.T_odom_cam.translation() - a.T_odom_cam.translation()).norm();
   const double step = stepSigma(path, quality, noise);
   const double tilt = 2 * noise.tilt * noise.tilt + noise.tilt_turn * noise.tilt_turn * turn;
@@ -112,13 +113,71 @@ Mounting mountingOf(const std::vector<KeyframeInput>& frames, std::span<const Na
     x = factor.solve(right);
     sigma = factor.solve(Matrix5d::Identity()).diagonal().cwiseSqrt();
   }
+  double misfit = 0;
+  for (const Step& step : steps) {
+    const Vector6d left = step.error - step.by * x;
+    misfit += std::log1p(left.dot(step.information * left) / kLinkFree) / static_cast<double>(steps.size());
+  }
   return {x.head<3>(),
           sigma.head<3>(),
           x(3),
           sigma(3),
           x(4),
           std::hypot(sigma(4), kSmoothed * x(4)),
-          static_cast<int>(steps.size())};
+          static_cast<int>(steps.size()),
+          misfit};
+}
+
+PathScale pathScaleOf(const std::vector<KeyframeInput>& frames, std::span<const NavigationLink> links,
+                      const Eigen::Vector3d& dvl_in_camera, const SensorNoise& noise) {
+  constexpr double kHuber = 1.5;      // standard deviations
+  constexpr double kLeastPath = 0.1;  // [m]
+  constexpr int kRounds = 10;
+  struct One {
+    double longer, sigma;
+  };
+  std::vector<One> steps;
+  for (const NavigationLink& link : links) {
+    const KeyframeInput &a = frames[link.a], &b = frames[link.b];
+    if (!link.ofChain() || !link.kept || !isMeasured(a) || !isMeasured(b) || b.unlocked_s > 0) continue;
+    const SE3 by_dvl = a.T_odom_cam.inverse() * b.T_odom_cam;
+    const Eigen::Vector3d seen = link.T_a_b * dvl_in_camera - dvl_in_camera,
+                          reckoned = by_dvl * dvl_in_camera - dvl_in_camera;
+    const double path = reckoned.norm();
+    if (path < kLeastPath || seen.norm() < kLeastPath) continue;
+    const Matrix6d at_dvl = perturbationAt(dvl_in_camera);
+    const Eigen::Matrix3d spread = (at_dvl * link.covariance * at_dvl.transpose()).topLeftCorner<3, 3>();
+    const Eigen::Vector3d along_in_b = link.T_a_b.rotation().conjugate() * seen.normalized();
+    const double turn = by_dvl.rotation().angularDistance(Eigen::Quaterniond::Identity()),
+                 white = noise.dvl_velocity *
+                         std::sqrt(std::max(stepSeconds(b.utc_ns - a.utc_ns), 1 / noise.dvl_rate) /
+                                   noise.dvl_rate);
+    const double sigma = std::hypot(std::sqrt(std::max(0.0, along_in_b.dot(spread * along_in_b))), white,
+                                    noise.dvl_place * turn);
+    steps.push_back({std::log(seen.norm() / path), sigma / path});
+  }
+  PathScale out;
+  out.steps = static_cast<int>(steps.size());
+  if (steps.empty()) return out;
+  std::vector<double> values;
+  for (const One& step : steps) values.push_back(step.longer);
+  out.longer = median(std::move(values));
+  double scatter = 1;
+  for (int round = 0; round < kRounds; ++round) {
+    double sum = 0, weights = 0, squares = 0;
+    for (const One& step : steps) {
+      const double sigma = scatter * step.sigma, off = std::abs(step.longer - out.longer) / sigma,
+                   weight = std::min(1.0, kHuber / std::max(off, 1e-9)) / (sigma * sigma);
+      sum += weight * step.longer;
+      weights += weight;
+      squares += std::min(off, kHuber) * std::min(off, kHuber);
+    }
+    constexpr double kOfClipped = 0.778;  // mean of a normal variable's square, clipped at kHuber
+    out.longer = sum / weights;
+    out.sigma = 1 / std::sqrt(weights);
+    scatter = std::max(1.0, scatter * std::sqrt(squares / (kOfClipped * static_cast<double>(steps.size()))));
+  }
+  return out;
 }
 
 }  // namespace fathom::slam

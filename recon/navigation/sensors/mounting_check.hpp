@@ -16,6 +16,7 @@ struct Mounting {
   double dvl_scale = 0, dvl_scale_sigma = 0;      // true path over reckoned path, less 1
   double time_offset = 0, time_offset_sigma = 0;  // images were taken so much later than stamped [s]
   int steps = 0;                                  // used
+  double misfit = 0;  // of a step with these, in the mean: Cauchy's cost, of chi-square over kLinkFree
 };
 
 // Mounting by the steps that both visual odometry (`links` of consecutive frames) and dead reckoning
@@ -25,5 +26,17 @@ struct Mounting {
 // tilt bias, which change as the vehicle turns, count as noise.
 [[nodiscard]] Mounting mountingOf(const std::vector<KeyframeInput>& frames,
                                   std::span<const NavigationLink> links, const SensorNoise& noise);
+
+// By how much paths of visual odometry are longer than those of the DVL, as a logarithm, over steps that both
+// measured: lengths of the DVL's own path, which an error of the compass turns and does not stretch. Huber's
+// mean; sigma: by the noise of either or by how much steps differ, whichever is more, without errors of scale
+// of the DVL.
+struct PathScale {
+  double longer = 0, sigma = 0;
+  int steps = 0;
+};
+[[nodiscard]] PathScale pathScaleOf(const std::vector<KeyframeInput>& frames,
+                                    std::span<const NavigationLink> links,
+                                    const Eigen::Vector3d& dvl_in_camera, const SensorNoise& noise);
 
 }  // namespace fathom::slam

@@ -192,8 +192,12 @@ class Adjuster {
   }
 
   // Optimises every point for the present poses and builds the normal equations of the poses; returns the
-  // cost.
+  // cost. A point that no longer can be seen where it is costs more than any other, so that no step is better
+  // for losing it.
   double assemble() {
+    constexpr double kFar_px = 1000;
+    const double far2 = std::pow(kFar_px / (sigma_left_ * config_.loss), 2),
+                 lost = config_.loss * config_.loss * std::log1p(far2) / (config_.widened * config_.widened);
     system_->setZero();
     gradient_.setZero();
     double cost = 0, weight = 0;
@@ -221,7 +225,10 @@ class Adjuster {
       for_each_(first, end, [&](std::size_t k) { marginalise(k, marginals[k - first]); });
       for (std::size_t k = first; k < end; ++k) {
         const Marginal& m = marginals[k - first];
-        if (!m.good) continue;
+        if (!m.good) {
+          cost += lost * static_cast<double>(sightingsOf(k).size());
+          continue;
+        }
         cost += m.cost;
         squares += m.squares;
         weight += m.weight;

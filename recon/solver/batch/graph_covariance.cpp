@@ -1,6 +1,7 @@
 #include "recon/solver/batch/graph_covariance.hpp"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <stdexcept>
 
 #include "recon/solver/incremental/growing_factor.hpp"
@@ -36,12 +37,12 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
   std::vector<const ByShared*> shared_by(graph.edges.size(), nullptr);
   for (const SharedByEdge& s : shared) shared_by.at(s.edge) = &s.error;
   OfShared normal;
-  normal.pull = corrected;
   std::size_t pair = 0;
   for (std::size_t k = 0; k < graph.edges.size(); ++k) {
     const RelativePose& e = graph.edges[k];
     const SE3 &from = poses_[at(e.from)], &to = poses_[at(e.to)];
     const RelativePoseLinear linear = linearize(e, from, to);
+    normal.chi2 += linear.error.dot(e.information * linear.error);
     const Matrix6d by_to = linear.by_to * ownFrame(aboutMiddle(to));
     const Matrix6d square = by_to.transpose() * e.information * by_to;
     for (const int end : {e.from, e.to})
@@ -66,16 +67,27 @@ GraphCovariance::GraphCovariance(const PoseGraph& graph, double common_scale, co
   if (moved_.isZero(0)) return;
   const Eigen::MatrixXd pulls = moved_;
   moved_.bottomRows(6 * (poses - 1)) = factor_->solve(pulls.bottomRows(6 * (poses - 1)));
+  normal.redundancy = std::max(6.0 * (static_cast<double>(graph.edges.size()) - poses + 1), 6.0);
   estimate(normal, pulls.rightCols<kShared>());
 }
 
 // By the Schur complement of the poses, which are at their minimum. What edges have not been corrected for
-// yet counts as open.
-void GraphCovariance::estimate(OfShared normal, const Eigen::MatrixXd& pulls) {
-  normal.square -= pulls.transpose() * moved_.rightCols<kShared>();
-  const Eigen::Matrix<double, kShared, kShared> covariance =
-      normal.square.llt().solve(Eigen::Matrix<double, kShared, kShared>::Identity());
-  const Eigen::Matrix<double, kEstimated, 1> more = -(covariance * normal.pull).tail<kEstimated>();
+// yet counts as open. Edges that contradict each other even with the most likely errors say as much less
+// (variance of unit weight).
+void GraphCovariance::estimate(const OfShared& edges, const Eigen::MatrixXd& pulls) {
+  constexpr int kRounds = 3;
+  using Square = Eigen::Matrix<double, kShared, kShared>;
+  const Square square = edges.square - pulls.transpose() * moved_.rightCols<kShared>();
+  Square covariance;
+  Errors all;
+  double share = 1;
+  for (int round = 0; round < kRounds; ++round) {
+    covariance = (Square::Identity() + share * square).llt().solve(Square::Identity());
+    all = -(covariance * (shared_ + share * edges.pull));
+    const double left = edges.chi2 + 2 * edges.pull.dot(all) + all.dot(square * all);
+    share = 1 / std::max(left / edges.redundancy, 1.0);
+  }
+  const Eigen::Matrix<double, kEstimated, 1> more = all.tail<kEstimated>();
   shared_.head<kShared - kEstimated>().setZero();
   shared_.tail<kEstimated>() += more;
   const Eigen::Matrix<double, kEstimated, kEstimated> open =

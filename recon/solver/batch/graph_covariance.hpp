@@ -42,7 +42,8 @@ class GraphCovariance {
                            const std::vector<int>& scaled = {}, const std::vector<SharedByEdge>& shared = {},
                            const Errors& corrected = Errors::Zero());
   // The shared errors, most likely together with the poses (Gauss-Newton, one step from `corrected`); zero
-  // for those that are not estimated.
+  // for those that are not estimated. Edges that contradict each other beyond their covariances count for as
+  // much less against what is known of these errors beforehand.
   [[nodiscard]] const Errors& shared() const { return shared_; }
   // The path of a pose's perturbation in the world.
   [[nodiscard]] TreePath pathOf(int pose) const;
@@ -68,12 +69,13 @@ class GraphCovariance {
   }
   // Of turns first, then what edges share.
   using Moved = Eigen::Matrix<double, 6, 1 + kShared>;
-  // Normal equations of the shared errors.
+  // Normal equations of the shared errors by edges, and chi-square of these.
   struct OfShared {
-    Eigen::Matrix<double, kShared, kShared> square = Eigen::Matrix<double, kShared, kShared>::Identity();
-    Errors pull;
+    Eigen::Matrix<double, kShared, kShared> square = Eigen::Matrix<double, kShared, kShared>::Zero();
+    Errors pull = Errors::Zero();
+    double chi2 = 0, redundancy = 0;
   };
-  void estimate(OfShared normal, const Eigen::MatrixXd& pulls);
+  void estimate(const OfShared& edges, const Eigen::MatrixXd& pulls);
   [[nodiscard]] Moved movedOf(int pose) const { return moved_.middleRows<6>(6 * pose); }
   // A covariance, inflated by the common scale of the path from a point, and by what moves the pose.
   [[nodiscard]] Matrix6d widened(Matrix6d covariance, int pose, const Eigen::Vector3d& from,

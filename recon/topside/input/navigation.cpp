@@ -57,8 +57,9 @@ class SortedLog {
       std::is_same_v<Sample, GyroSample> || std::is_same_v<Sample, DepthSample> ||
       std::is_same_v<Sample, WaterSample>;
 
-  SortedLog(const io::MissionPaths& paths, const io::MissionConfig::TimeOffsets& offsets)
-      : offsets_(offsets), file_(paths.root) {}
+  SortedLog(const io::MissionPaths& paths, const io::MissionConfig::TimeOffsets& offsets,
+            double attitude_late)
+      : offsets_(offsets), attitude_late_(attitude_late), file_(paths.root) {}
 
   std::optional<SensorSample> next() {
     while (waiting_.size() < kWaiting) {
@@ -97,6 +98,7 @@ class SortedLog {
           if constexpr (std::is_same_v<Sample, DvlSample>) offset = offsets_.dvl;
           if constexpr (std::is_same_v<Sample, AttitudeSample> || std::is_same_v<Sample, GyroSample>)
             offset = offsets_.compass;
+          if constexpr (std::is_same_v<Sample, AttitudeSample>) offset -= attitude_late_;
           if constexpr (std::is_same_v<Sample, DepthSample>) offset = offsets_.depth;
           s.utc_ns = shifted(s.utc_ns, offset);
           return s.utc_ns;
@@ -105,6 +107,7 @@ class SortedLog {
   }
 
   const io::MissionConfig::TimeOffsets& offsets_;
+  double attitude_late_;
   io::SensorLogReader file_;
   std::priority_queue<Waiting> waiting_;
   std::uint64_t read_ = 0;
@@ -220,7 +223,8 @@ Anchor anchorOf(const nav::PositionAnchor& fixes, double unknown_velocity) {
 }  // namespace
 
 Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
-                    const TopsideConfig& config, const std::vector<std::int64_t>& times) {
+                    const TopsideConfig& config, const std::vector<std::int64_t>& times,
+                    double attitude_late) {
   Navigation out;
   Fixes fixes = readFixes(paths, mission);
   std::vector<Fix> surfaced;
@@ -248,7 +252,7 @@ Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& miss
                       Reader(at_surface)};
   std::optional<SE3> first;
   std::int64_t first_utc_ns = 0;
-  SortedLog log(paths, mission.time_offsets);
+  SortedLog log(paths, mission.time_offsets, attitude_late);
   while (auto sample = log.next()) {
     std::visit(
         [&](auto& s) {

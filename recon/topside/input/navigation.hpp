@@ -77,8 +77,11 @@ struct Navigation {
 // Dead reckoning over the recorded sensors (time offsets and lever arms as mission.toml says), read out at
 // the given times (ascending), depth less the tide that mission.toml foretells, and anchored in nav by the
 // GPS fixes before the first of `times` (where there are none, by those of a vehicle that came up later) and
-// all USBL fixes (nav::PositionAnchor). Throws InputError when the log holds no navigation.
+// all USBL fixes (nav::PositionAnchor). Roll, pitch and heading count as measured `attitude_late` seconds
+// before their stamps, beside what mission.toml says; a gyro's rates do not. Throws InputError when the log
+// holds no navigation.
 [[nodiscard]] Navigation navigate(const io::MissionPaths& paths, const io::MissionConfig& mission,
-                                  const TopsideConfig& config, const std::vector<std::int64_t>& times);
+                                  const TopsideConfig& config, const std::vector<std::int64_t>& times,
+                                  double attitude_late = 0);
 
 }  // namespace fathom::topside

@@ -23,6 +23,14 @@ std::optional<double> medianRange(const Frames& frames, std::size_t frame) {
 
 }  // namespace
 
+void grow(closure::FrameFeatures& features, double scale) {
+  const auto by = static_cast<float>(scale);
+  for (closure::Feature& feature : features.features) {
+    feature.point *= by;
+    for (float& of : feature.covariance) of *= by * by;
+  }
+}
+
 Frames framesOf(const io::MissionConfig& mission, const Survey& survey, const FeatureStore& features) {
   Frames frames;
   frames.features = &features;

@@ -19,6 +19,23 @@ class FeatureStore {
   virtual void load(std::size_t pair, closure::FrameFeatures& out) const = 0;
 };
 
+// As a rig whose ranges are so many times as long would have triangulated them.
+void grow(closure::FrameFeatures& features, double scale);
+class GrownFeatures : public FeatureStore {
+ public:
+  // `of` must outlive it.
+  GrownFeatures(const FeatureStore& of, double scale) : of_(of), scale_(scale) {}
+  [[nodiscard]] std::size_t count(std::size_t pair) const override { return of_.count(pair); }
+  void load(std::size_t pair, closure::FrameFeatures& out) const override {
+    of_.load(pair, out);
+    grow(out, scale_);
+  }
+
+ private:
+  const FeatureStore& of_;
+  double scale_;
+};
+
 // The pairs that have a pose, by time, and where to find what they are recognised by.
 struct Frames {
   const FeatureStore* features = nullptr;  // by pair, not by frame

@@ -5,11 +5,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "recon/geometry/sea_water.hpp"
-#include "recon/navigation/graph/navigation_config.hpp"
 #include "recon/topside/localise/batch_closure_search.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
 #include "recon/topside/localise/first_links.hpp"
+#include "recon/topside/localise/navigation_inputs.hpp"
 #include "recon/topside/work/run_stage_times.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
 
@@ -43,66 +42,17 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
   archive(slam.poses, slam.odometry, slam.closures, slam.frames, slam.tried, slam.refused,
           slam.crossings_expected, slam.crossings_unverified, slam.unconfirmed, slam.converged,
           slam.uncertain, slam.sensors, slam.mounting, slam.usbl, slam.fixes_kept, slam.fixes_removed,
-          slam.moved_rms, slam.parts, slam.refused_tilt, slam.bundled, slam.control);
+          slam.moved_rms, slam.unjoined, slam.timing, slam.scale, slam.parts, slam.refused_tilt, slam.bundled,
+          slam.control);
 }
 
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 13;
+constexpr std::uint32_t kLocaliseVersion = 14;
 constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
 constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
-
-std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
-  std::vector<slam::KeyframeInput> inputs;
-  slam::LossOfTrack loss;
-  for (std::size_t k = 0; k < frames.pair.size(); ++k) {
-    const NavigatedPose& pose = navigation.poses[frames.pair[k]];
-    const nav::DeadReckoning::Quality& before = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].quality;
-    const nav::DeadReckoning::Quality& now = pose.quality;
-    slam::KeyframeInput input;
-    input.utc_ns = pose.utc_ns;
-    input.T_odom_cam = frames.reckoned[k];
-    input.unlocked_s = loss.add(now.unlocked_s - before.unlocked_s);
-    input.sound_share = now.sound_share;
-    input.untilted_s = now.untilted_s - before.untilted_s;
-    input.attitude_held = now.attitude_held;
-    input.depth_held = now.depth_held;
-    input.pressure_off = now.pressure_off;
-    input.pressure_sigma = now.pressure_sigma;
-    input.compass_jumped = now.heading_leaps > before.heading_leaps;
-    input.gyro_turn = now.gyro_turn - before.gyro_turn;
-    input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
-    inputs.push_back(input);
-  }
-  return inputs;
-}
-
-// USBL fixes, and GPS of a vehicle that came up during the dive, each at the frame nearest to it in time.
-// What GPS said before, the anchor has.
-std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation) {
-  std::vector<slam::NavigationFix> fixes;
-  for (const FixSeen& seen : navigation.fixes) {
-    const bool before = seen.utc_ns < navigation.poses[frames.pair.front()].utc_ns;
-    if (seen.kind == nav::FixKind::kGps && before) continue;
-    const auto later = std::lower_bound(
-        frames.pair.begin(), frames.pair.end(), seen.utc_ns,
-        [&](std::uint32_t pair, std::int64_t t) { return navigation.poses[pair].utc_ns < t; });
-    std::size_t k = static_cast<std::size_t>(later - frames.pair.begin());
-    if (k == frames.pair.size() || (k > 0 && seen.utc_ns - navigation.poses[frames.pair[k - 1]].utc_ns <
-                                                 navigation.poses[frames.pair[k]].utc_ns - seen.utc_ns))
-      --k;
-    slam::NavigationFix fix;
-    fix.frame = static_cast<int>(k);
-    fix.antenna_in_odom = seen.receiver;
-    fix.north_east = seen.north_east;
-    fix.sigma = seen.sigma;
-    fix.by_usbl = seen.kind == nav::FixKind::kUsbl;
-    fixes.push_back(fix);
-  }
-  return fixes;
-}
 
 // A solution held by control points; links are scaled with it.
 ControlResult held(ControlNetwork& control, double scale_sigma, slam::NavigationSolution& solved,
@@ -125,20 +75,12 @@ SlamResult::Usbl usblOf(const slam::NavigationSolution& solved, const slam::Grap
           variance.head<2>().cwiseSqrt(), now.euler().z(), std::sqrt(variance(5))};
 }
 
-slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::NavigationConfig graph) {
-  const bool predicted = readTide(mission.tide_model, mission.start_utc_ns).has_value();
-  graph.noise = predicted ? slam::withTideModel(graph.noise) : slam::withoutTideModel(graph.noise);
-  graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
-  graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
-  return graph;
-}
-
 // One dive with navigation: its network of keyframes is solved again after every search for closures.
 class Localisation {
  public:
   // All must outlive it; two frames at least.
   Localisation(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
-               const Frames& frames, SlamResult begun)
+               const Frames& frames, std::vector<slam::NavigationLink> odometry, SlamResult begun)
       : input_(input),
         config_(config),
         survey_(survey),
@@ -147,12 +89,11 @@ class Localisation {
         graph_(graphOf(input.mission, config.navigation)),
         inputs_(inputsOf(frames, survey.navigation)),
         fixes_(fixesOf(frames, survey.navigation)),
-        search_(input.rig, frames, graph_.noise.visual_scale, graph_.rig) {}
+        search_(input.rig, frames, graph_.noise.visual_scale, graph_.rig),
+        links_(std::move(odometry)) {}
 
   SlamResult run(const GreyImages& images) {
-    links_ = visualOdometry(input_.rig, frames_);
     const std::size_t odometry = links_.size();
-    lap("odometry");
     solveByOdometry();
     for (std::size_t round = 0; round < kClosureRounds; ++round)
       if (!findClosures()) break;
@@ -186,6 +127,7 @@ class Localisation {
   }
 
   void solveByOdometry() {
+    graph_.noise = slam::noiseBySteps(graph_.noise, inputs_, links_, graph_.dvl_in_camera);
     solve();
     graph_.noise = slam::adaptedNoise(graph_.noise, inputs_, fixes_, solved_);
     solved_ = {};
@@ -291,6 +233,10 @@ class Localisation {
       out_.uncertain[i].since_first = known.between(first, from, node, path);
     });
     out_.moved_rms = std::sqrt(squares / static_cast<double>(solved_.poses.size()));
+    for (const std::uint32_t frame : unjoined(inputs_, links_)) {
+      out_.poses[frames_.pair[frame]].T_nav_body.reset();
+      ++out_.unjoined;
+    }
     lap("covariance");
   }
 
@@ -383,10 +329,37 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
                     const FeatureStore& features, const GreyImages& images) {
   SlamResult out;
   out.poses = survey.navigation.poses;
-  const Frames frames = framesOf(input.mission, survey, features);
+  Frames frames = framesOf(input.mission, survey, features);
   for (std::size_t k = 0; k < frames.pair.size(); ++k) out.frames += frames.blank(k) ? 0U : 1U;
   if (frames.pair.size() < 2) return out;
-  return Localisation(input, config, survey, frames, std::move(out)).run(images);
+  Stopwatch watch;
+  std::vector<slam::NavigationLink> odometry = visualOdometry(input.rig, frames);
+  Survey seen = survey;
+  if (std::optional<Retimed> better = retimed(input, config, survey, features, odometry)) {
+    seen.navigation = std::move(better->navigation);
+    out.poses = seen.navigation.poses;
+    out.timing = better->timing;
+    frames = framesOf(input.mission, seen, features);
+    odometry = visualOdometry(input.rig, frames);
+  }
+  out.seconds["odometry"] = watch.lap();
+  const SlamResult begun = out;
+  out = Localisation(input, config, seen, frames, odometry, begun).run(images);
+  const ImageScale found = imageScaleOf(input, config, seen.navigation, frames, out.odometry);
+  if (found.sigma == 0) return out;
+  const double scale = found.scale;
+  MissionInput grown_input = input;
+  grown_input.rig = grown(input.rig, scale);
+  const GrownFeatures grown_features(features, scale);
+  frames.features = &grown_features;
+  for (slam::NavigationLink& link : odometry) link.T_a_b = grown(link.T_a_b, scale);
+  TopsideConfig known = config;
+  known.navigation.rig.scale = found.sigma;
+  const Costs before = out.seconds;
+  out = Localisation(grown_input, known, seen, frames, std::move(odometry), begun).run(images);
+  out.scale = found;
+  for (const auto& [part, seconds] : before) out.seconds[part] += seconds;
+  return out;
 }
 
 }  // namespace fathom::topside

@@ -14,6 +14,7 @@
 #include "recon/topside/localise/bundle_links.hpp"
 #include "recon/topside/localise/control_network.hpp"
 #include "recon/topside/localise/feature_stage.hpp"
+#include "recon/topside/localise/navigation_inputs.hpp"
 #include "recon/topside/work/stage_store.hpp"
 
 namespace fathom::topside {
@@ -70,7 +71,10 @@ struct SlamResult {
     }
   } usbl;
   std::size_t fixes_kept = 0, fixes_removed = 0;
-  double moved_rms = 0;  // horizontal, of the poses against dead reckoning [m]
+  double moved_rms = 0;      // horizontal, of the poses against dead reckoning [m]
+  std::size_t unjoined = 0;  // pairs left out: neither images nor bottom track join them to the others
+  SensorTiming timing;       // as it was put right
+  ImageScale scale;          // likewise, before control points
   // Of a dive without navigation: pairs that nothing joins to those of other parts, and what kept the first
   // of them from being joined to the pair before it.
   struct Part {

@@ -47,12 +47,7 @@ PreparedGroups::PreparedGroups(std::vector<WorkFile> groups) : groups_(std::move
 void PreparedGroups::load(std::size_t pair, closure::FrameFeatures& out) const {
   const WorkFile& group = groupOf(pair);
   if (!closure::readSlot(group.read(featuresName(pair)), out)) throw DamagedWork(group.path());
-  if (scale_ == 1) return;
-  const auto scale = static_cast<float>(scale_);
-  for (closure::Feature& feature : out.features) {
-    feature.point *= scale;
-    for (float& of : feature.covariance) of *= scale * scale;
-  }
+  if (scale_ != 1) grow(out, scale_);
 }
 
 Mesh PreparedGroups::mesh(std::size_t pair) const {

@@ -48,6 +48,8 @@ class PreparedGroups final : public FeatureStore {
   // From here on all is read so many times as large.
   void setScale(double scale) { scale_ = scale; }
   [[nodiscard]] double scale() const { return scale_; }
+  // The pair has no place in the model.
+  void leaveOut(std::size_t pair) { facts_[pair].has_mesh = false; }
   [[nodiscard]] std::size_t count(std::size_t pair) const override { return facts_[pair].features; }
   void load(std::size_t pair, closure::FrameFeatures& out) const override;
   [[nodiscard]] const std::vector<PairFacts>& facts() const { return facts_; }

@@ -176,6 +176,9 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
                            step.quality, seen[k].range);
     ranges.push_back(seen[k].range);
   }
+  // A few paths of a dive that turns all the time, or is short, say little, and nothing of their own errors.
+  constexpr std::size_t kFewest = 8;
+  if (ranges.size() < kFewest) return false;
   out.steps = ranges.size();
   const double range = median(std::move(ranges));
   const calibration::RangeError left{steps_of_dvl.rangeError().x(), steps_of_dvl.rangeError().y()};
@@ -224,9 +227,10 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
   slam::RigPrior prior;
   prior.baseline = rig.baseline();
   prior.uneven = std::hypot(kLeast, kLeft * found.before);
+  prior.turn = found.yaw_sigma;
   if (found.steps == 0) return prior;
   prior.scale = found.range_sigma;
-  prior.principal_point = 0;
+  prior.principal_point = prior.turn = 0;
   return prior;
 }
 

@@ -51,6 +51,24 @@ Fields mountingFields(const slam::Mounting& m) {
   return out;
 }
 
+Fields timingFields(const SensorTiming& t) {
+  if (t.attitude_late == 0 && t.images_late == 0) return {};
+  return {{"attitude_late_s", t.attitude_late},
+          {"images_late_s", t.images_late},
+          {"sigma_s", t.sigma},
+          web::onPage(t.attitude_late != 0 ? "roll, pitch and heading later than stamped, taken out [s]"
+                                           : "images later than stamped, taken out [s]",
+                      withSigma(t.attitude_late + t.images_late, t.sigma, 3))};
+}
+
+Fields scaleFields(const ImageScale& s) {
+  if (s.sigma == 0) return {};
+  return {{"scale", s.scale, "ranges of the images multiplied, by the DVL's paths",
+           withSigma(s.scale, s.sigma, 4)},
+          {"sigma", s.sigma},
+          {"steps", s.steps}};
+}
+
 Fields usblFields(const SlamResult::Usbl& u) {
   if (!u.sought) return {};
   return {{"shift_north_east_m", web::jsonOf(u.shift)},
@@ -76,6 +94,16 @@ Fields bundleFields(const SlamResult::Bundled& b) {
 bool off(double value, double sigma, double matters) {
   constexpr double kSigmas = 4;
   return std::abs(value) > std::max(kSigmas * sigma, matters);
+}
+
+void warnOfTiming(const SensorTiming& t, std::vector<std::string>& warnings) {
+  if (t.attitude_late != 0)
+    warnings.push_back(
+        "Roll, pitch and heading lag behind the images by " + withSigma(t.attitude_late, t.sigma, 2) +
+        " s. This run takes that out; check compass_s in mission.toml, and the sensor's filter.");
+  if (t.images_late != 0)
+    warnings.push_back("Images were taken later than stamped, by " + withSigma(t.images_late, t.sigma, 2) +
+                       " s. This run takes that out; check time offsets in mission.toml.");
 }
 
 void warnOfMounting(const slam::Mounting& m, std::vector<std::string>& warnings) {
@@ -224,6 +252,7 @@ std::vector<std::string> slamWarnings(const SlamResult& s) {
     warnings.push_back("Crossings expected but not verified: about " + decimals(s.crossings_unverified, 0) +
                        " m of the " + decimals(s.crossings_expected, 0) +
                        " m flown over ground seen before have no loop closure.");
+  warnOfTiming(s.timing, warnings);
   warnOfMounting(s.mounting, warnings);
   for (std::string& warning : controlWarnings(s.control)) warnings.push_back(std::move(warning));
   const auto placed = static_cast<std::size_t>(
@@ -279,6 +308,9 @@ Fields slamFields(const SlamResult& s) {
           {"compass_jumps", s.sensors.compass_jumps, reckoned("leaps of the compass")},
           {"attitude_absent", s.sensors.attitude_absent},
           {"depth_absent", s.sensors.depth_absent},
+          {"pairs_unjoined", s.unjoined, "pairs left out: nothing joins them to the others"},
+          {"timing", timingFields(s.timing)},
+          {"image_scale", scaleFields(s.scale)},
           {"mounting", mountingFields(s.mounting)},
           {"usbl", usblFields(s.usbl)},
           {"bundle", bundleFields(s.bundled)},

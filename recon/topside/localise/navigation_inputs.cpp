@@ -1,0 +1,165 @@
+#include "recon/topside/localise/navigation_inputs.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/union_find.hpp"
+#include "realtime/base/units.hpp"
+#include "recon/geometry/sea_water.hpp"
+#include "recon/navigation/graph/navigation_config.hpp"
+#include "recon/navigation/sensors/mounting_check.hpp"
+
+namespace fathom::topside {
+
+std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation) {
+  std::vector<slam::KeyframeInput> inputs;
+  slam::LossOfTrack loss;
+  for (std::size_t k = 0; k < frames.pair.size(); ++k) {
+    const NavigatedPose& pose = navigation.poses[frames.pair[k]];
+    const nav::DeadReckoning::Quality& before = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].quality;
+    const nav::DeadReckoning::Quality& now = pose.quality;
+    slam::KeyframeInput input;
+    input.utc_ns = pose.utc_ns;
+    input.T_odom_cam = frames.reckoned[k];
+    input.unlocked_s = loss.add(now.unlocked_s - before.unlocked_s);
+    input.sound_share = now.sound_share;
+    input.untilted_s = now.untilted_s - before.untilted_s;
+    input.attitude_held = now.attitude_held;
+    input.depth_held = now.depth_held;
+    input.pressure_off = now.pressure_off;
+    input.pressure_sigma = now.pressure_sigma;
+    input.compass_jumped = now.heading_leaps > before.heading_leaps;
+    input.gyro_turn = now.gyro_turn - before.gyro_turn;
+    input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
+    inputs.push_back(input);
+  }
+  return inputs;
+}
+
+std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation) {
+  std::vector<slam::NavigationFix> fixes;
+  for (const FixSeen& seen : navigation.fixes) {
+    const bool before = seen.utc_ns < navigation.poses[frames.pair.front()].utc_ns;
+    if (seen.kind == nav::FixKind::kGps && before) continue;
+    const auto later = std::lower_bound(
+        frames.pair.begin(), frames.pair.end(), seen.utc_ns,
+        [&](std::uint32_t pair, std::int64_t t) { return navigation.poses[pair].utc_ns < t; });
+    std::size_t k = static_cast<std::size_t>(later - frames.pair.begin());
+    if (k == frames.pair.size() || (k > 0 && seen.utc_ns - navigation.poses[frames.pair[k - 1]].utc_ns <
+                                                 navigation.poses[frames.pair[k]].utc_ns - seen.utc_ns))
+      --k;
+    slam::NavigationFix fix;
+    fix.frame = static_cast<int>(k);
+    fix.antenna_in_odom = seen.receiver;
+    fix.north_east = seen.north_east;
+    fix.sigma = seen.sigma;
+    fix.by_usbl = seen.kind == nav::FixKind::kUsbl;
+    fixes.push_back(fix);
+  }
+  return fixes;
+}
+
+slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::NavigationConfig graph) {
+  const bool predicted = readTide(mission.tide_model, mission.start_utc_ns).has_value();
+  graph.noise = predicted ? slam::withTideModel(graph.noise) : slam::withoutTideModel(graph.noise);
+  graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
+  graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
+  return graph;
+}
+
+std::vector<std::uint32_t> unjoined(const std::vector<slam::KeyframeInput>& inputs,
+                                    const std::vector<slam::NavigationLink>& links) {
+  constexpr std::size_t kFew = 8;
+  const auto frames = static_cast<std::uint32_t>(inputs.size());
+  UnionFind joined(frames);
+  for (const slam::NavigationLink& link : links)
+    if (link.kept) joined.join(link.a, link.b);
+  for (std::uint32_t k = 1; k < frames; ++k)
+    if (inputs[k].unlocked_s == 0) joined.join(k - 1, k);
+  std::vector<std::size_t> size(frames, 0);
+  for (std::uint32_t k = 0; k < frames; ++k) ++size[joined.root(k)];
+  const std::size_t most = *std::max_element(size.begin(), size.end());
+  std::vector<std::uint32_t> out;
+  for (std::uint32_t k = 0; k < frames; ++k)
+    if (const std::size_t mine = size[joined.root(k)]; mine < most && mine < kFew) out.push_back(k);
+  return out;
+}
+
+namespace {
+
+Navigation navigationBy(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                        const SensorTiming& timing) {
+  std::vector<std::int64_t> taken;
+  for (const NavigatedPose& pose : survey.navigation.poses)
+    taken.push_back(pose.utc_ns + rt::nanoseconds(timing.images_late));
+  Navigation out = navigate(input.paths, input.mission, config, taken, timing.attitude_late);
+  for (std::size_t k = 0; k < out.poses.size(); ++k) out.poses[k].utc_ns = survey.navigation.poses[k].utc_ns;
+  return out;
+}
+
+}  // namespace
+
+std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
+                               const FeatureStore& features, const std::vector<slam::NavigationLink>& links) {
+  constexpr double kSigmas = 4, kLeast = 0.05, kMost = 3;  // of an offset that counts [s]
+  constexpr int kRounds = 3;                               // a long lag shows too small at first
+  const auto mountingBy = [&](const Navigation& navigation) {
+    Survey with;
+    with.planes = survey.planes;
+    with.navigation = navigation;
+    const Frames frames = framesOf(input.mission, with, features);
+    return slam::mountingOf(inputsOf(frames, navigation), links, config.navigation.noise);
+  };
+  const slam::Mounting given = mountingBy(survey.navigation);
+  std::optional<Retimed> best;
+  if (std::abs(given.time_offset) < std::max(kLeast, kSigmas * given.time_offset_sigma)) return best;
+  double least = given.misfit;
+  for (double SensorTiming::*const what : {&SensorTiming::attitude_late, &SensorTiming::images_late}) {
+    slam::Mounting seen = given;
+    SensorTiming timing;
+    for (int round = 0; round < kRounds; ++round) {
+      timing.*what = std::clamp(timing.*what + seen.time_offset, -kMost, kMost);
+      Navigation navigation = navigationBy(input, config, survey, timing);
+      // A shift must not cost frames at either end their pose: links name frames.
+      if (std::count_if(navigation.poses.begin(), navigation.poses.end(),
+                        [](const NavigatedPose& pose) { return pose.T_nav_body.has_value(); }) !=
+          std::count_if(survey.navigation.poses.begin(), survey.navigation.poses.end(),
+                        [](const NavigatedPose& pose) { return pose.T_nav_body.has_value(); }))
+        break;
+      seen = mountingBy(navigation);
+      timing.sigma = seen.time_offset_sigma;
+      if (seen.misfit >= least) break;
+      least = seen.misfit;
+      best = Retimed{timing, std::move(navigation)};
+    }
+  }
+  return best;
+}
+
+ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, const Navigation& navigation,
+                        const Frames& frames, const std::vector<slam::NavigationLink>& of_pairs) {
+  ImageScale out;
+  const slam::RigPrior& rig = config.navigation.rig;
+  const double open = std::hypot(rig.principal_point, rig.turn);
+  if (open == 0) return out;
+  const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
+  const slam::SensorNoise& noise = config.navigation.noise;
+  std::vector<slam::NavigationLink> links = of_pairs;
+  for (slam::NavigationLink& link : links)
+    for (std::uint32_t* end : {&link.a, &link.b})
+      *end = static_cast<std::uint32_t>(std::lower_bound(frames.pair.begin(), frames.pair.end(), *end) -
+                                        frames.pair.begin());
+  const slam::PathScale path = slam::pathScaleOf(
+      inputs, links, input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(), noise);
+  if (path.steps == 0) return out;
+  const double of_images = std::hypot(rig.scale, open / rig.baseline * median(frames.range)),
+               of_paths = std::hypot(path.sigma, noise.dvl_scale, inputs.front().sound_share),
+               share = of_images * of_images / (of_images * of_images + of_paths * of_paths);
+  out.scale = std::exp(-share * path.longer);
+  out.sigma = std::sqrt(share) * of_paths;
+  out.steps = path.steps;
+  return out;
+}
+
+}  // namespace fathom::topside
