@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <random>
 #include <stdexcept>
 
 #include "recon/solver/batch/graph_covariance.hpp"
@@ -108,6 +109,31 @@ TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
     as_given += errorsOf(solve(survey, options, measured).poses, survey.truth).absolute / 5;
   }
   EXPECT_LT(worst, 0.4 * as_given);
+}
+
+// Before anything is solved: of a usual vehicle little more than its data sheets say.
+TEST(NavigationBatch, StepsThatImagesConfirmShowTheSensorsNoise) {
+  const SyntheticDive usual = makeDive({});
+  const auto seen = [](const SyntheticDive& survey) {
+    return noiseBySteps({}, survey.inputs, measuredOf(survey, 0.5).links, Eigen::Vector3d::Zero());
+  };
+  const SensorNoise given, calm = seen(usual);
+  EXPECT_LT(calm.heading, 2 * given.heading);
+  EXPECT_LT(calm.tilt, 2 * given.tilt);
+  EXPECT_LT(calm.dvl_velocity, 7 * given.dvl_velocity);
+  SyntheticDive bad = usual;
+  std::mt19937 random(3);
+  std::normal_distribution<double> error(0, 1);
+  for (KeyframeInput& input : bad.inputs) {
+    Vector6d off;
+    off << 0.05 * error(random), 0.05 * error(random), 0, 0.02 * error(random), 0.02 * error(random),
+        0.06 * error(random);
+    input.T_odom_cam = input.T_odom_cam * SE3::exp(off);
+  }
+  const SensorNoise wild = seen(bad);
+  EXPECT_NEAR(wild.heading, 0.06, 0.02);
+  EXPECT_NEAR(wild.tilt, 0.02, 0.007);
+  EXPECT_GT(wild.dvl_velocity, 2 * calm.dvl_velocity);
 }
 
 TEST(NavigationBatch, WhatReadingsShareIsAsLargeAsTheyAreSeenToDiffer) {

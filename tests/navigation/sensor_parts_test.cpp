@@ -304,5 +304,24 @@ TEST(Mounting, OfATurnedCameraAndALateClockIsFoundWithinItsClaim) {
   }
 }
 
+TEST(Mounting, PathsOfImagesAreSeenToBeTooLong) {
+  constexpr double kTooLong = 0.02;
+  constexpr int kSeeds = 10;
+  double squares = 0;
+  for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
+    const SyntheticDive survey = surveyed(seed);
+    std::vector<NavigationLink> links = measuredOf(survey, 1).links;
+    for (NavigationLink& link : links)
+      link.T_a_b = SE3(link.T_a_b.rotation(), (1 + kTooLong) * link.T_a_b.translation());
+    const PathScale found = pathScaleOf(survey.inputs, links, Eigen::Vector3d::Zero(), {});
+    EXPECT_GT(found.steps, 100);
+    EXPECT_LT(found.sigma, 0.003);
+    squares += std::pow((found.longer - std::log1p(kTooLong) + survey.dvl_scale) / found.sigma, 2);
+  }
+  // 99 % of chi-square with 10 degrees of freedom.
+  EXPECT_GT(squares, 2.2);
+  EXPECT_LT(squares, 25.2);
+}
+
 }  // namespace
 }  // namespace fathom::slam

@@ -161,6 +161,27 @@ TEST(GraphCovariance, WhatEdgesShareWidensWhatItMoves) {
   }
 }
 
+// A sensor that is wrong without knowing it bends the poses against their links: no error of the rig.
+TEST(GraphCovariance, WhatEdgesShareIsNotWhatOtherEdgesGetWrong) {
+  const SharedError error;
+  PoseGraph bent = error.graph;
+  std::vector<GraphCovariance::SharedByEdge> shared;
+  for (std::size_t k = 0; k < bent.edges.size(); ++k) {
+    if (bent.edges[k].from == 0) continue;
+    shared.push_back({k, GraphCovariance::ByShared::Zero()});
+    shared.back().error.col(GraphCovariance::kShared - 1) = error.each;
+  }
+  Vector6d wrong;
+  wrong << 0.3, -0.2, 0.1, 0.1, -0.2, 0.3;
+  for (const int pose : {12, 25, 44, 61}) {
+    const auto at = static_cast<std::size_t>(pose);
+    bent.edges.push_back(
+        {0, pose, bent.poses[at] * SE3::exp((pose % 2 == 0 ? 1 : -1) * wrong), Matrix6d::Identity() * 1e6});
+  }
+  optimize(bent, {});
+  EXPECT_LT(std::abs(GraphCovariance(bent, 0, {}, shared).shared()(GraphCovariance::kShared - 1)), 2);
+}
+
 // Closures contradict what the steps between share: poses and the error are found together.
 TEST(GraphCovariance, EstimatesWhatEdgesShareByWhereTheyContradictEachOther) {
   const SharedError error;

@@ -81,5 +81,32 @@ TEST(FeatureMission, WithoutALogItsFilesGiveThePairs) {
   EXPECT_EQ(io::featureFileName(list.pairs[1].left), "PR_20260301_020051_614_LC16.feat");
 }
 
+// What a run finds where mission.toml has stamps that are so much too late.
+nlohmann::json timingWith(double compass_s, double cameras_s) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  std::filesystem::copy(kMission, mission, std::filesystem::copy_options::recursive);
+  io::MissionConfig config = io::readMissionConfig(mission);
+  config.time_offsets.compass += compass_s;
+  config.time_offsets.left_camera += cameras_s;
+  config.time_offsets.right_camera += cameras_s;
+  io::writeMissionConfig(mission, config);
+  (void)runTopside(mission, folder.path() / "topside", {});
+  return reportOf(folder.path() / "topside").at("localisation").at("timing");
+}
+
+TEST(FeatureMission, AnAttitudeSensorThatLagsIsDistinguishedFromLateImages) {
+  EXPECT_TRUE(timingWith(0, 0).is_null());
+  constexpr double kLate_s = 0.4, kNear_s = 0.1;
+  const nlohmann::json attitude = timingWith(kLate_s, 0);
+  ASSERT_FALSE(attitude.is_null());
+  EXPECT_NEAR(attitude.at("attitude_late_s").get<double>(), kLate_s, kNear_s);
+  EXPECT_EQ(attitude.at("images_late_s"), 0);
+  const nlohmann::json images = timingWith(0, kLate_s);
+  ASSERT_FALSE(images.is_null());
+  EXPECT_NEAR(images.at("images_late_s").get<double>(), -kLate_s, kNear_s);
+  EXPECT_EQ(images.at("attitude_late_s"), 0);
+}
+
 }  // namespace
 }  // namespace fathom::topside

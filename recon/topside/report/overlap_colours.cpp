@@ -20,7 +20,7 @@
 namespace fathom::topside {
 namespace {
 
-struct Couple {
+struct ComparedCouple {
   std::vector<PlaceColours> before, after;
 };
 
@@ -51,8 +51,8 @@ class Comparer {
         poses_(dive.poses()),
         gains_(dive.plan().gains) {}
 
-  Couple compare(std::uint32_t a, std::uint32_t b) const {
-    Couple out;
+  ComparedCouple compare(std::uint32_t a, std::uint32_t b) const {
+    ComparedCouple out;
     if (!poses_[a].T_nav_body || !poses_[b].T_nav_body || !prepared_.facts()[a].has_mesh ||
         !prepared_.facts()[b].has_mesh)
       return out;
@@ -148,12 +148,12 @@ OverlapColours overlapColours(Dive& dive) {
     return out;
   const auto couples = couplesOf(dive.localised(), pairs);
   const Comparer comparer(dive);
-  std::vector<Couple> seen(couples.size());
+  std::vector<ComparedCouple> seen(couples.size());
   oneapi::tbb::parallel_for(std::size_t{0}, couples.size(), [&](std::size_t k) {
     seen[k] = comparer.compare(couples[k].first, couples[k].second);
   });
   std::vector<PlaceColours> before, after;
-  for (const Couple& couple : seen) {
+  for (const ComparedCouple& couple : seen) {
     out.couples += !couple.before.empty();
     before.insert(before.end(), couple.before.begin(), couple.before.end());
     after.insert(after.end(), couple.after.begin(), couple.after.end());
