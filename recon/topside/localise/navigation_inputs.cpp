@@ -98,6 +98,11 @@ Navigation navigationBy(const MissionInput& input, const TopsideConfig& config, 
   return out;
 }
 
+std::ptrdiff_t posesKnown(const Navigation& navigation) {
+  return std::count_if(navigation.poses.begin(), navigation.poses.end(),
+                       [](const NavigatedPose& pose) { return pose.T_nav_body.has_value(); });
+}
+
 }  // namespace
 
 std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
@@ -122,11 +127,7 @@ std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& c
       timing.*what = std::clamp(timing.*what + seen.time_offset, -kMost, kMost);
       Navigation navigation = navigationBy(input, config, survey, timing);
       // A shift must not cost frames at either end their pose: links name frames.
-      if (std::count_if(navigation.poses.begin(), navigation.poses.end(),
-                        [](const NavigatedPose& pose) { return pose.T_nav_body.has_value(); }) !=
-          std::count_if(survey.navigation.poses.begin(), survey.navigation.poses.end(),
-                        [](const NavigatedPose& pose) { return pose.T_nav_body.has_value(); }))
-        break;
+      if (posesKnown(navigation) != posesKnown(survey.navigation)) break;
       seen = mountingBy(navigation);
       timing.sigma = seen.time_offset_sigma;
       if (seen.misfit >= least) break;
@@ -140,21 +141,20 @@ std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& c
 ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, const Navigation& navigation,
                         const Frames& frames, const std::vector<slam::NavigationLink>& of_pairs) {
   ImageScale out;
-  const slam::RigPrior& rig = config.navigation.rig;
+  const slam::NavigationConfig graph = graphOf(input.mission, config.navigation);
+  const slam::RigPrior& rig = graph.rig;
   const double open = std::hypot(rig.principal_point, rig.turn);
   if (open == 0) return out;
   const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
-  const slam::SensorNoise& noise = config.navigation.noise;
   std::vector<slam::NavigationLink> links = of_pairs;
   for (slam::NavigationLink& link : links)
     for (std::uint32_t* end : {&link.a, &link.b})
       *end = static_cast<std::uint32_t>(std::lower_bound(frames.pair.begin(), frames.pair.end(), *end) -
                                         frames.pair.begin());
-  const slam::PathScale path = slam::pathScaleOf(
-      inputs, links, input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(), noise);
+  const slam::PathScale path = slam::pathScaleOf(inputs, links, graph.dvl_in_camera, graph.noise);
   if (path.steps == 0) return out;
   const double of_images = std::hypot(rig.scale, open / rig.baseline * median(frames.range)),
-               of_paths = std::hypot(path.sigma, noise.dvl_scale, inputs.front().sound_share),
+               of_paths = std::hypot(path.sigma, graph.noise.dvl_scale, inputs.front().sound_share),
                share = of_images * of_images / (of_images * of_images + of_paths * of_paths);
   out.scale = std::exp(-share * path.longer);
   out.sigma = std::sqrt(share) * of_paths;

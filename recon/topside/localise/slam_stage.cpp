@@ -334,14 +334,17 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
   if (frames.pair.size() < 2) return out;
   Stopwatch watch;
   std::vector<slam::NavigationLink> odometry = visualOdometry(input.rig, frames);
-  Survey seen = survey;
-  if (std::optional<Retimed> better = retimed(input, config, survey, features, odometry)) {
-    seen.navigation = std::move(better->navigation);
-    out.poses = seen.navigation.poses;
+  std::optional<Retimed> better = retimed(input, config, survey, features, odometry);
+  Survey put_right;
+  if (better) {
+    put_right = survey;
+    put_right.navigation = std::move(better->navigation);
+    out.poses = put_right.navigation.poses;
     out.timing = better->timing;
-    frames = framesOf(input.mission, seen, features);
+    frames = framesOf(input.mission, put_right, features);
     odometry = visualOdometry(input.rig, frames);
   }
+  const Survey& seen = better ? put_right : survey;
   out.seconds["odometry"] = watch.lap();
   const SlamResult begun = out;
   out = Localisation(input, config, seen, frames, odometry, begun).run(images);
