@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cstdio>
+#include <iterator>
 #include <memory>
 #include <string>
 
@@ -41,11 +43,14 @@ void addScoreCommand(CommandLine& app) {
 
 void addCampaignCommand(CommandLine& app) {
   const auto options = std::make_shared<CampaignOptions>();
+  const auto series = std::make_shared<std::string>(kDiveSeries[0]);
   CommandLine& command = app.command(
-      "campaign", "simulate many dives with growing perturbations, and report which fail",
-      "Example: fathom-sim campaign --out missions/campaign --dives 146", [options] {
+      "campaign", "simulate many perturbed dives, and report which fail",
+      "Example: fathom-sim campaign --out missions/campaign --dives 186", [options, series] {
         if (options->programs.empty())
           options->programs = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+        const auto named = std::find(std::begin(kDiveSeries), std::end(kDiveSeries), *series);
+        options->series = static_cast<DiveSeries>(named - std::begin(kDiveSeries));
         rt::ProgressBar bar;
         options->progress = [&bar](std::size_t done, std::size_t total) { bar.show(done, total, "dives"); };
         const auto dives = runCampaign(*options);
@@ -56,6 +61,12 @@ void addCampaignCommand(CommandLine& app) {
       .add_option("--out", options->out,
                   "folder for results.jsonl and campaign.html; dives that it holds are not repeated")
       ->required();
+  command
+      .shown(
+          "--series", *series,
+          "single: one perturbation a dive, by levels; tune, judge: all together, two halves that share no "
+          "random number")
+      ->check(CLI::IsMember(std::vector<std::string>(std::begin(kDiveSeries), std::end(kDiveSeries))));
   command.shown("--dives", options->dives, "total number", 1, 1'000'000);
   command.add_option("--only", options->only, "repeat this dive alone and keep its mission");
   command.shown("--seed", options->seed, "of all dives", 0, 1'000'000);

@@ -34,6 +34,7 @@ TerrainConfig resolvedTerrain(const Scenario& scenario) {
                          "; set FATHOM_DATA_DIR to the folder of real captures");
   };
   resolve(terrain.mesh_file, "mesh_file");
+  resolve(terrain.relief_file, "relief_file");
   resolve(terrain.texture_file, "texture_file");
   resolve(terrain.albedo_images, "albedo_images");
   return terrain;

@@ -79,6 +79,10 @@ void visitTerrain(KeyVisitor& keys, TerrainConfig& t) {
               "mean depth before ledges; mesh: of its mean vertex");
   visitPath(keys, "mesh_file", t.mesh_file,
             "PLY in north, east, down; beside the scenario or under FATHOM_DATA_DIR");
+  visitPath(keys, "relief_file", t.relief_file,
+            "raster of heights (GeoTIFF, BAG) added to the bed; may be empty (procedural)");
+  keys.number("relief_cell_m", t.relief_cell_m, "m", 0, 100,
+              "side of its cells, to which it is scaled; 0: as the file states");
   visitPath(keys, "albedo_images", t.albedo_images,
             "folder of photographs of a seafloor that give its colours; may be empty");
   keys.number("albedo_pixel_m", t.albedo_pixel_m, "m", 1e-4, 0.05, "of ground a pixel of these");

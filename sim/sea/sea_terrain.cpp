@@ -9,6 +9,7 @@
 #include "sim/scenario/scenario.hpp"
 #include "sim/sea/ground/seafloor.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
+#include "sim/sea/light/surface_detail.hpp"
 
 namespace fathom::sim {
 namespace {
@@ -94,7 +95,20 @@ std::optional<double> SeaTerrain::depthAt(double north_m, double east_m) const {
 }
 
 Mesh SeaTerrain::mesh() const {
-  return surface_->mesh();
+  Mesh mesh = surface_->mesh();
+  if (config_.albedo_images.empty()) return mesh;
+  const SurfaceDetail photographed = SurfaceDetail::of(config_);
+  const auto footprint_m = static_cast<float>(config_.grid_spacing_m);
+  const Eigen::Vector3f origin = surface_->origin().cast<float>();
+  computeNormals(mesh);
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    SurfacePoint point;
+    point.normal = mesh.normals[i];
+    photographed.apply(mesh.vertices[i] - origin, footprint_m, point);
+    mesh.colours[i] = srgbFromLinear(Eigen::Vector3f(point.albedo.data()).cast<double>());
+  }
+  mesh.normals.clear();
+  return mesh;
 }
 const Eigen::Vector3d& SeaTerrain::lower() const {
   return surface_->lower();

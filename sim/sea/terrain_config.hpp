@@ -77,6 +77,11 @@ struct TerrainConfig {
   CoralConfig corals;
   std::vector<LedgeConfig> ledges;
   std::vector<PlacedConfig> placed;
+  // A raster of heights [m] of a real seafloor that is added to the bed, its middle at the terrain's centre
+  // and its mean at base_depth_m; empty: none. Scaled so that its cells have sides of `relief_cell_m`; 0: as
+  // stated.
+  std::filesystem::path relief_file;
+  double relief_cell_m = 0;
 
   // kMesh: PLY in north, east, down [m]; moved so that its centre is at (centre_north_m, centre_east_m) and
   // its mean depth at base_depth_m. `texture_file` may be empty (vertex colours, else grey).

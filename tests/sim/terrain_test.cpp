@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <numbers>
+#include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <set>
 
 #include "realtime/base/input_error.hpp"
 #include "recon/geometry/ply.hpp"
@@ -214,6 +217,58 @@ TEST(Terrain, BadMeshesTexturesAndNumbersAreRefusedWithTheirName) {
   wild = TerrainConfig();
   wild.corals.overhang = 2.0;
   EXPECT_THROW(SeaTerrain{wild}, std::invalid_argument);
+}
+
+// Heights upwards in a text raster that GDAL reads: a slope that rises to the north, one cell without height.
+std::filesystem::path slopeRaster(const std::filesystem::path& folder) {
+  const auto file = folder / "slope.asc";
+  std::ofstream out(file);
+  out << "ncols 5\nnrows 5\nxllcorner 0\nyllcorner 0\ncellsize 2\nNODATA_value -9999\n";
+  for (int row = 0; row < 5; ++row)
+    for (int column = 0; column < 5; ++column)
+      out << (row == 2 && column == 2 ? -9999.0 : 10.0 - 0.5 * row) << (column == 4 ? '\n' : ' ');
+  return file;
+}
+
+TEST(Terrain, ARealReliefIsAddedAtItsSizeOrScaled) {
+  const test::TemporaryFolder folder;
+  TerrainConfig config = flatConfig();
+  config.size_north_m = config.size_east_m = 9;
+  config.relief_file = slopeRaster(folder.path());
+  const SeaTerrain stated(config);
+  constexpr double kMean = 0.006;  // by which the filled hole moves it
+  EXPECT_NEAR(stated.depthAt(2.0, 1.0).value(), 20 - 0.5, kMean) << "a cell northwards rises by half a metre";
+  EXPECT_NEAR(stated.depthAt(-3.0, -1.0).value(), 20 + 0.75, kMean);
+  EXPECT_NEAR(stated.depthAt(0.0, 0.0).value(), 20, 0.15) << "the hole is filled";
+  EXPECT_NEAR(stated.depthAt(4.4, 0.0).value(), 20 - 0.9, kMean) << "mirrored at its edge";
+  config.relief_cell_m = 0.5;
+  EXPECT_NEAR(SeaTerrain(config).depthAt(0.5, 0.0).value(), 20 - 0.125, kMean) << "a quarter of the size";
+  const auto letter = folder.path() / "letter.tif";
+  std::ofstream(letter) << "dear all";
+  config.relief_file = letter;
+  EXPECT_THROW(SeaTerrain{config}, InputError);
+}
+
+TEST(Terrain, TheTruthHasTheColoursOfThePhotographs) {
+  const test::TemporaryFolder folder;
+  cv::Mat image(1024, 1360, CV_8UC3);
+  cv::theRNG().state = 7;
+  cv::randn(image, cv::Scalar(60, 110, 170), cv::Scalar(15, 15, 15));  // blue, green, red
+  cv::imwrite((folder.path() / "a.png").string(), image);
+  TerrainConfig config = flatConfig();
+  config.albedo_images = folder.path();
+  const Mesh mesh = SeaTerrain(config).mesh();
+  std::array<double, 3> sum{};
+  std::set<int> reds;
+  for (const Rgb& colour : mesh.colours) {
+    for (std::size_t c = 0; c < 3; ++c) sum[c] += colour[c];
+    reds.insert(colour[0]);
+  }
+  const auto count = static_cast<double>(mesh.colours.size());
+  EXPECT_NEAR(sum[0] / count, 170, 3);
+  EXPECT_NEAR(sum[1] / count, 110, 3);
+  EXPECT_NEAR(sum[2] / count, 60, 3);
+  EXPECT_GT(reds.size(), 5u) << "with what the footprint of a vertex leaves of their texture";
 }
 
 }  // namespace

@@ -7,8 +7,10 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
+#include <optional>
 
 #include "sim/sea/ground/noise.hpp"
+#include "sim/sea/ground/relief_raster.hpp"
 #include "sim/sea/ground/shapes.hpp"
 
 namespace fathom::sim {
@@ -37,11 +39,15 @@ class BedShape {
         rough_{hash64(config.seed, 14), 0.45, 3, 0.6},
         crags_{hash64(config.seed, 15), 1.1, 4, 0.55},
         mats_{hash64(config.seed, 16), 1.6, 4, 0.6},
-        tone_{hash64(config.seed, 17), 0.6, 4, 0.65} {}
+        tone_{hash64(config.seed, 17), 0.6, 4, 0.65} {
+    if (!config.relief_file.empty()) captured_.emplace(config.relief_file, config.relief_cell_m);
+  }
 
   // A bed point before its fine relief, from the undisturbed horizontal place.
   BedPoint smooth(double north, double east) const {
     BedPoint bed{{north, east, config_.base_depth_m + config_.undulation_m * broad_(north, east)}};
+    if (captured_)
+      bed.position.z() += captured_->depthAt(north - config_.centre_north_m, east - config_.centre_east_m);
     const RippleConfig& r = config_.ripples;
     if (r.height_m > 0) {
       const double along = north * std::cos(r.direction_rad) + east * std::sin(r.direction_rad);
@@ -95,6 +101,7 @@ class BedShape {
 
   const TerrainConfig& config_;
   FractalNoise broad_, meander_, ripple_field_, ledge_line_, rough_, crags_, mats_, tone_;
+  std::optional<ReliefRaster> captured_;
 };
 
 void computeGridNormals(GridSurface& grid) {
