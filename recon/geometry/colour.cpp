@@ -18,6 +18,11 @@ double linearFromSrgb(double srgb) {
   return srgb <= kKnee ? srgb / 12.92 : std::pow((srgb + 0.055) / 1.055, 2.4);
 }
 
+double srgbFromLinear(double linear) {
+  constexpr double kKnee = 0.0031308;
+  return linear <= kKnee ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
+}
+
 double luminanceOf(const Rgb& srgb) {
   const auto linear = [&](std::size_t c) { return linearFromSrgb(srgb[c] / 255.0); };
   return 0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2);

@@ -14,6 +14,8 @@ namespace fathom {
 
 // sRGB (IEC 61966-2-1), 0 to 1, to linear light.
 [[nodiscard]] double linearFromSrgb(double srgb);
+[[nodiscard]] double srgbFromLinear(double linear);
+
 // Relative luminance, linear, 0 to 1 (CIE Y).
 [[nodiscard]] double luminanceOf(const Rgb& srgb);
 // CIE L*a*b* (D65, 2 degrees) of linear sRGB, 0 to 1.

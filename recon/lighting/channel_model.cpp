@@ -122,8 +122,10 @@ void ChannelModel::pool(int radius) {
   }
 }
 
-void ChannelModel::solve(int images, double outlier) {
+void ChannelModel::solve(int images, double outlier, bool linear) {
+  if (linear) statistics_.findBlack();
   statistics_.findOutliers(outlier);
+
   const double nodes_wanted =
       kWantedSamples / (static_cast<double>(images) * NodeStatistics::kSamplesPerImage);
   const int radius =
@@ -268,6 +270,13 @@ void ChannelModel::fitRange(int radius) {
   }
   for (int b = 0; b < RangeBins::kKnown; ++b) fitPatternChange(b, std::max(radius, 1));
   carryPatternChange();
+  seen_ = images;
+  for (int b = 0; b < RangeBins::kKnown; ++b) {
+    double sum = 0;
+    for (std::size_t n = 0; n < plain_.size(); ++n)
+      sum += static_cast<double>(range_[n * RangeBins::kKnown + index(b)].log_mean);
+    trend_[index(b)] = sum / static_cast<double>(plain_.size());
+  }
   fitSpread(images, radius);
 }
 

@@ -41,8 +41,10 @@ class ChannelModel {
   [[nodiscard]] NodeStatistics& statistics() { return statistics_; }
   [[nodiscard]] const NodeStatistics& statistics() const { return statistics_; }
 
-  // Fits all three to the statistics of `images` images; `outlier`: as in NodeStatistics::findOutliers().
-  void solve(int images, double outlier);
+  //   // Fits all three to the statistics of `images` images; `outlier`: as in
+  //   NodeStatistics::findOutliers();
+  // `linear`: samples are, so that a black level can be found.
+  void solve(int images, double outlier, bool linear);
 
   [[nodiscard]] bool known() const { return known_; }             // there is a sample
   [[nodiscard]] bool knowsRange() const { return knows_range_; }  // there is one of known range
@@ -50,14 +52,23 @@ class ChannelModel {
   [[nodiscard]] const Level& plain(std::size_t node) const { return plain_[node]; }
   // `position`: of the range, by RangeBins.
   [[nodiscard]] Level atRange(std::size_t node, float position) const;
-  // Mean over nodes and ranges of the ground's standard deviation over mean.
+  //   // Mean over nodes and ranges of the ground's standard deviation over mean.
   [[nodiscard]] float contrast() const { return contrast_; }
+  // Of a class of range: logarithm of the mean over all nodes, and how many images show it.
+  [[nodiscard]] double trend(int bin) const { return trend_[index(bin)]; }
+  [[nodiscard]] double seen(int bin) const { return seen_[index(bin)]; }
   [[nodiscard]] const RangeLaw& law() const { return law_; }
+  // What a sample is where all the light of a sample `usual` is multiplied by `brightness`.
+  [[nodiscard]] float lit(float usual, float brightness) const {
+    return black() + brightness * (usual - black());
+  }
+  [[nodiscard]] float black() const { return statistics_.black(); }  // parts of full scale
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // For saved state (state_archive.hpp), bit by bit; every solve() computes the rest.
   static void exchange(auto& archive, auto& self) {
-    archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_, self.contrast_);
+    archive(self.statistics_, self.known_, self.knows_range_, self.whole_, self.law_, self.contrast_,
+            self.trend_, self.seen_);
     archive.fixed(self.plain_);
     archive.fixed(self.range_);
   }
@@ -88,6 +99,8 @@ class ChannelModel {
   Level whole_;
   RangeLaw law_;
   float contrast_ = 0;
+  Bins trend_{}, seen_{};
+
   std::vector<Level> plain_;                                                    // by node
   std::vector<Level> range_;                                                    // by node, then bin
   std::vector<Cell> cells_;                                                     // by bin, then node

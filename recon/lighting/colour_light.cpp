@@ -253,11 +253,13 @@ float ColourLight::samplesFor(double light) const {
   return static_cast<float>(encoded_ ? std::pow(light, 1 / kGamma) : light);
 }
 
-Correction ColourLight::correction(std::size_t channel, const Level& level, float brightness) const {
-  const float mean = brightness * std::exp(level.log_mean);
-  const float returned = std::max({mean - pedestal(channel), kLeastLight * mean, kLeast});
-  const float to = encoded_ ? 255.0F : 1.0F, gain = light_ * lift_ / returned;
-  return {to * gain / full_, to * (light_ - gain * mean)};
+Correction ColourLight::correction(std::size_t channel, const ChannelModel& model, const Level& level,
+                                   float brightness, float slope, float fall) const {
+  const float mean = model.lit(std::exp(level.log_mean), brightness * slope);
+  const float dark = model.lit(std::max(pedestal(channel), model.black()), brightness);
+  const float returned = std::max({mean - dark, kLeastLight * (mean - model.black()), kLeast});
+  const float to = encoded_ ? 255.0F : 1.0F, gain = light_ * lift_ / (returned * fall);
+  return {to * gain / full_, to * (light_ * (1 - lift_) - gain * (mean - returned))};
 }
 
 }  // namespace fathom::lighting

@@ -37,12 +37,13 @@ void LightingModel::Impl::predict(const ChannelModel& channel, Errors& errors) c
 }
 
 template <typename T>
-bool LightingModel::Impl::unlit(const ImageView& image) const {
+bool LightingModel::Impl::unlit(const ImageView& image, float exposed) const {
   constexpr float kUnlit = 0.15F;  // of the expected brightness
   const ChannelModel& channel = channels.front();
   if (!channel.known()) return false;
   const bool plain = solved_images >= config.min_images;  // serves where ranges are not known
-  const float full = static_cast<float>((1 << bits) - 1), black = colour->pedestal(0);
+  const float full = static_cast<float>((1 << bits) - 1),
+              black = std::max(colour->pedestal(0), channel.black());
   std::size_t dark = 0;
   for (int j = 0; j < lattice.rows; ++j)
     for (int i = 0; i < lattice.columns; ++i) {
@@ -56,17 +57,18 @@ bool LightingModel::Impl::unlit(const ImageView& image) const {
       const bool ranged = ranges[n] > 0 && channel.knowsRange();
       if (!ranged && !plain) continue;
       const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
-      dark += measured / full - black < kUnlit * (brightnesses[n] * std::exp(level.log_mean) - black);
+      const float expected = channel.lit(std::exp(level.log_mean), exposed * slopes[n]);
+      dark += measured / full - black < kUnlit * (expected - black);
     }
   return 2 * dark > lattice.size();
 }
 
 template <typename T>
-void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* range) {
+void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* range, float exposed) {
   Errors errors;
   for (std::size_t c = 0; c < channels.size(); ++c) {
     ChannelModel& channel = channels[c];
-    channel.statistics().add<T>(image, static_cast<float>(config.saturated), brightnesses, ranges, means);
+    channel.statistics().add<T>(image, static_cast<float>(config.saturated), exposed, slopes, ranges, means);
     if (solved_images < config.min_images || !channel.known()) continue;
     predict(channel, errors);
     learnRatios(c, range);
@@ -86,7 +88,7 @@ void LightingModel::Impl::learnRatios(std::size_t c, const RangeLattice* range) 
       const float expected = std::exp(level.log_mean);
       RangeLattice::Ground ground;
       if (ranged) ground = range->groundAt(lattice.u(i), lattice.v(j));
-      colour->learn(c, expected * brightnesses[n], means[n] / expected, ranged ? &ground : nullptr);
+      colour->learn(c, channel.lit(expected, slopes[n]), means[n] / expected, ranged ? &ground : nullptr);
     }
 }
 
@@ -100,17 +102,17 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
     for (int i = 0; i < lattice.columns; ++i) {
       const auto n = static_cast<std::size_t>(j * lattice.columns + i);
       ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
-      brightnesses[n] = brightness(exposure_s);
-      if (ranges[n] > 0) brightnesses[n] *= colour->lit(range->groundAt(lattice.u(i), lattice.v(j)));
+      slopes[n] = ranges[n] > 0 ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j))) : 1;
     }
-  if (bits == 8 ? unlit<std::uint8_t>(image) : unlit<std::uint16_t>(image)) {
+  const float exposed = brightness(exposure_s);
+  if (bits == 8 ? unlit<std::uint8_t>(image, exposed) : unlit<std::uint16_t>(image, exposed)) {
     ++ignored;
     return;
   }
   if (bits == 8)
-    learn<std::uint8_t>(image, range);
+    learn<std::uint8_t>(image, range, exposed);
   else
-    learn<std::uint16_t>(image, range);
+    learn<std::uint16_t>(image, range, exposed);
   ++images;
   ++held;
   if (config.memory > 0 && held >= 2 * config.memory) {
@@ -120,7 +122,7 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
   }
   samples += lattice.size() * channels.size() * NodeStatistics::kSamplesPerImage;
   if (held > kSolveAlways && images - solved_images < held / kSolveFraction) return;
-  for (ChannelModel& channel : channels) channel.solve(held, config.outlier);
+  for (ChannelModel& channel : channels) channel.solve(held, config.outlier, !encoded());
   float contrast = 0;
   for (const ChannelModel& channel : channels)
     contrast += channel.contrast() / static_cast<float>(channels.size());

@@ -61,6 +61,14 @@ class ModelChoice {
 
 enum class Purpose : std::uint8_t { kMatching, kColour };
 
+// What an image is corrected for, and by what.
+struct Task {
+  Purpose purpose = Purpose::kMatching;
+  const RangeLattice* range = nullptr;   // null: unknown
+  float brightness = 1;                  // of the image's light over that of the learnt images
+  const FallCorrection* fall = nullptr;  // null: none
+};
+
 // A row of nodes' corrections, by channel.
 inline constexpr std::size_t kMaxChannels = 4;
 using NodeRow = std::array<std::array<Correction, NodeLattice::kMaxSide>, kMaxChannels>;
@@ -75,8 +83,8 @@ struct LightingModel::Impl {
   NodeLattice lattice;
   RowPlan plan;
   std::vector<ChannelModel> channels;
-  std::vector<float> ranges, brightnesses, means;  // of an image being learnt, by node
-  std::optional<ColourLight> colour;               // always there
+  std::vector<float> ranges, slopes, means;  // of an image being learnt, by node
+  std::optional<ColourLight> colour;         // always there
   ModelChoice choice;
   int images = 0, solved_images = 0;
   int held = 0;         // images that what was learnt weighs
@@ -90,7 +98,7 @@ struct LightingModel::Impl {
            image.bits == bits && image.stride >= row_bytes && (bits == 8 || image.stride % 2 == 0);
   }
   [[nodiscard]] LightingKind used() const;
-  // Brightness of an image with that exposure over that of the learnt images.
+  //   // Light of an image with that exposure over that of the learnt images.
   [[nodiscard]] float brightness(double exposure_s) const {
     if (!(exposure_s > 0) || exposure == 0) return 1;
     constexpr double kMostBrighter = 64;  // than another exposure: no camera has a wider range of them
@@ -99,26 +107,31 @@ struct LightingModel::Impl {
   void add(const ImageView& image, const RangeLattice* range, double exposure_s);
   // Whether the strobes stayed dark: more than half of the image is far below the expected brightness.
   template <typename T>
-  [[nodiscard]] bool unlit(const ImageView& image) const;
+  [[nodiscard]] bool unlit(const ImageView& image, float exposed) const;
   template <typename T>
-  void learn(const ImageView& image, const RangeLattice* range);
+  void learn(const ImageView& image, const RangeLattice* range, float exposed);
   // Gives ColourLight the ratios of measured to expected node means.
   void learnRatios(std::size_t c, const RangeLattice* range);
   struct Errors {
     double sums[3] = {}, count[3] = {};  // whole, plain, range
   };
   void predict(const ChannelModel& channel, Errors& errors) const;
-  [[nodiscard]] Correction stretch(const Level& level, float brightness) const;
+  [[nodiscard]] Correction stretch(const ChannelModel& channel, const Level& level, float brightness) const;
   // Whether samples are sRGB already, as in a camera's 8-bit RGB pictures.
   [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
-  void nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range, float brightness, int j,
-               NodeRow& row) const;
+  void nodeRow(const Task& task, LightingKind kind, int j, NodeRow& row) const;
   template <Encoding kEncoding, typename T>
-  void correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
-                    std::uint8_t* out) const;
+  void correctImage(const Task& task, const ImageView& image, std::uint8_t* out) const;
   template <Encoding kEncoding>
-  void correct(Purpose purpose, const ImageView& image, const RangeLattice* range, float brightness,
-               std::uint8_t* out) const;
+  void correct(const Task& task, const ImageView& image, std::uint8_t* out) const;
+  // Of the three colours, that which a channel has.
+  [[nodiscard]] std::size_t colourOf(std::size_t channel) const {
+    return format == PixelFormat::kBayerRggb ? (channel + 1) / 2 : channels.size() == 1 ? 1 : channel;
+  }
+  [[nodiscard]] const ChannelModel& channelOf(std::size_t of_colour) const {
+    const std::size_t last = channels.size() - 1;  // of a Bayer image blue; of its two greens the first
+    return channels[of_colour == 2 ? last : std::min(of_colour, last)];
+  }
   static void exchange(auto& archive, auto& self);
 };
 

@@ -18,7 +18,7 @@ constexpr int kMaxSide = 65535;      // [px]
 constexpr float kMinSigma = 0.002F;  // floor of the signal's sigma, of full scale: half a level of 8 bits
 // Floor of sigma over mean: in denser haze, gain would amplify noise alone.
 constexpr float kMinContrast = 0.04F;
-constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 4;
+constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 5;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
@@ -96,44 +96,48 @@ LightingKind LightingModel::Impl::used() const {
   return kind;
 }
 
-Correction LightingModel::Impl::stretch(const Level& level, float brightness) const {
-  const float mean = brightness * std::exp(level.log_mean);
+Correction LightingModel::Impl::stretch(const ChannelModel& channel, const Level& level,
+                                        float brightness) const {
+  const float usual = std::exp(level.log_mean), mean = channel.lit(usual, brightness);
   const float spread = std::max(std::exp(level.log_spread), kMinContrast);
-  const float gain = static_cast<float>(config.target_sigma) / std::max(spread * mean, kMinSigma);
+  const float gain =
+      static_cast<float>(config.target_sigma) / std::max(spread * brightness * usual, kMinSigma);
   const float full = static_cast<float>((1 << bits) - 1), grey = 255;
   return {grey * gain / full, grey * (static_cast<float>(config.target_mean) - gain * mean)};
 }
 
-void LightingModel::Impl::nodeRow(Purpose purpose, LightingKind kind, const RangeLattice* range,
-                                  float brightness, int j, NodeRow& row) const {
+void LightingModel::Impl::nodeRow(const Task& task, LightingKind kind, int j, NodeRow& row) const {
   for (int i = 0; i < lattice.columns; ++i) {
     const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-    float range_m = 0;
-    if (kind == LightingKind::kRangeDependent && range != nullptr)
-      range_m = range->at(lattice.u(i), lattice.v(j));
-    const float position = range_m > 0 ? RangeBins::position(range_m) : 0;
+    const float range_m = task.range != nullptr ? task.range->at(lattice.u(i), lattice.v(j)) : 0;
+    const bool by_range = kind == LightingKind::kRangeDependent && range_m > 0;
+    const float position = by_range ? RangeBins::position(range_m) : 0;
     // Images for matching keep the shading of slopes, which is useful texture.
-    const float shading = range_m > 0 && purpose == Purpose::kColour
-                              ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j)))
-                              : 1;
+    const bool colours = task.purpose == Purpose::kColour;
+    const float slope =
+        by_range && colours ? colour->lit(task.range->groundAt(lattice.u(i), lattice.v(j))) : 1;
     for (std::size_t c = 0; c < channels.size(); ++c) {
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
-      const bool linear = purpose == Purpose::kColour && !encoded();
       const Level& plain = kind == LightingKind::kWholeImage ? channel.whole() : channel.plain(n);
-      const Level level = range_m > 0 ? channel.atRange(n, position) : plain;
-      if (!channel.known())
-        out = {(linear ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
-      else
-        out = purpose == Purpose::kColour ? colour->correction(c, level, shading * brightness)
-                                          : stretch(level, brightness);
+      const Level level = by_range ? channel.atRange(n, position) : plain;
+      if (!channel.known()) {
+        out = {(colours && !encoded() ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
+      } else if (colours) {
+        const float fall =
+            task.fall != nullptr
+                ? colour->samplesFor(std::exp(static_cast<double>(task.fall->at(colourOf(c), range_m))))
+                : 1;
+        out = colour->correction(c, channel, level, task.brightness, slope, fall);
+      } else {
+        out = stretch(channel, level, task.brightness);
+      }
     }
   }
 }
 
 template <Encoding kEncoding, typename T>
-void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, const RangeLattice* range,
-                                       float brightness, std::uint8_t* out) const {
+void LightingModel::Impl::correctImage(const Task& task, const ImageView& image, std::uint8_t* out) const {
   const LightingKind kind = used();
   NodeRow above, below, between;
   int loaded = -1;
@@ -145,8 +149,8 @@ void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, 
       if (loaded >= 0 && j == loaded + 1)
         above = below;
       else
-        nodeRow(purpose, kind, range, brightness, j, above);
-      nodeRow(purpose, kind, range, brightness, std::min(j + 1, lattice.rows - 1), below);
+        nodeRow(task, kind, j, above);
+      nodeRow(task, kind, std::min(j + 1, lattice.rows - 1), below);
       loaded = j;
     }
     const float share = t - static_cast<float>(j);  // of the row below
@@ -169,15 +173,14 @@ void LightingModel::Impl::correctImage(Purpose purpose, const ImageView& image, 
 }
 
 template <Encoding kEncoding>
-void LightingModel::Impl::correct(Purpose purpose, const ImageView& image, const RangeLattice* range,
-                                  float brightness, std::uint8_t* out) const {
+void LightingModel::Impl::correct(const Task& task, const ImageView& image, std::uint8_t* out) const {
   if (!fits(image))
     std::memset(out, 0,
                 static_cast<std::size_t>(width) * static_cast<std::size_t>(height * samples_per_pixel));
   else if (bits == 8)
-    correctImage<kEncoding, std::uint8_t>(purpose, image, range, brightness, out);
+    correctImage<kEncoding, std::uint8_t>(task, image, out);
   else
-    correctImage<kEncoding, std::uint16_t>(purpose, image, range, brightness, out);
+    correctImage<kEncoding, std::uint16_t>(task, image, out);
 }
 
 LightingModel::LightingModel(int width, int height, PixelFormat format, int bits,
@@ -200,7 +203,7 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   impl_->plan = RowPlan(width, lattice.columns);
   impl_->ranges.resize(lattice.size());
   impl_->means.resize(lattice.size());
-  impl_->brightnesses.resize(lattice.size());
+  impl_->slopes.resize(lattice.size());
   for (const Channel& channel : channelsOf(width, height, format))
     impl_->channels.emplace_back(channel, lattice);
   impl_->colour.emplace(impl_->channels.size(), impl_->encoded(), bits, config.target_mean);
@@ -226,29 +229,63 @@ void LightingModel::add(const ImageView& image) {
 
 void LightingModel::correct(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                             double exposure_s) const {
-  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, &range, impl_->brightness(exposure_s), out);
+  impl_->correct<Encoding::kLevels>({.range = &range, .brightness = impl_->brightness(exposure_s)}, image,
+                                    out);
 }
 
 void LightingModel::correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
-                                  double exposure_s, double gain) const {
-  const float brightness = impl_->brightness(exposure_s) * impl_->colour->samplesFor(gain);
+                                  const ImageLight& light) const {
+  const Task task = {
+      .purpose = Purpose::kColour,
+      .range = &range,
+      .brightness = impl_->brightness(light.exposure_s) * impl_->colour->samplesFor(light.gain),
+      .fall = &light.fall};
   if (impl_->encoded())
-    impl_->correct<Encoding::kLevels>(Purpose::kColour, image, &range, brightness, out);
+    impl_->correct<Encoding::kLevels>(task, image, out);
   else
-    impl_->correct<Encoding::kSrgb>(Purpose::kColour, image, &range, brightness, out);
+    impl_->correct<Encoding::kSrgb>(task, image, out);
 }
 
 void LightingModel::colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic,
-                            std::uint8_t* rgb, double exposure_s, double gain) const {
+                            std::uint8_t* rgb, const ImageLight& light) const {
   const Impl& m = *impl_;
-  correctColour(image, range, mosaic, exposure_s, gain);
+  correctColour(image, range, mosaic, light);
   demosaicRgb(
       {mosaic, m.width, m.height, static_cast<std::size_t>(m.width * m.samples_per_pixel), m.format, 8}, rgb);
   if (m.fits(image)) neutraliseClipped(image, m.config.saturated, rgb);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
-  impl_->correct<Encoding::kLevels>(Purpose::kMatching, image, nullptr, 1, out);
+  impl_->correct<Encoding::kLevels>({}, image, out);
+}
+
+double LightingModel::logFall(std::size_t colour, double range) const {
+  if (used() != LightingKind::kRangeDependent) return 0;
+  const ChannelModel& channel = impl_->channelOf(colour);
+  std::array<float, RangeBins::kKnown> trend{};
+  for (int b = 0; b < RangeBins::kKnown; ++b) trend[index(b)] = static_cast<float>(channel.trend(b));
+  return static_cast<double>(RangeBins::between(trend, static_cast<float>(range)));
+}
+
+double LightingModel::seen(int bin) const {
+  return impl_->channels.front().seen(bin);
+}
+
+FallCorrection LightingModel::correctionTo(const WaterLaw& water) const {
+  FallCorrection out;
+  for (std::size_t c = 0; c < water.colours.size(); ++c) {
+    double mean = 0, images = 0;
+    std::array<double, RangeBins::kKnown> off{};
+    for (int b = 0; b < RangeBins::kKnown; ++b) {
+      const double range = RangeBins::middle(b);
+      off[index(b)] = water.colours[c].logAt(range) - logFall(c, range);
+      mean += seen(b) * off[index(b)], images += seen(b);
+    }
+    if (images > 0) mean /= images;
+    for (std::size_t b = 0; b < off.size(); ++b)
+      out.log_light[c][b] = static_cast<float>(water.share * (off[b] - mean));
+  }
+  return out;
 }
 
 LightingKind LightingModel::used() const {
@@ -267,7 +304,8 @@ LightingModel::Report LightingModel::report() const {
   report.tilt = static_cast<double>(m.colour->tilt().strength());
   report.lamp = m.colour->tilt().lamp();
   for (std::size_t c = 0; c < m.channels.size(); ++c)
-    report.black = std::max(report.black, static_cast<double>(m.colour->pedestal(c)));
+    report.black =
+        std::max(report.black, static_cast<double>(std::max(m.colour->pedestal(c), m.channels[c].black())));
   std::uint64_t saturated = 0;
   for (const ChannelModel& channel : m.channels) {
     report.outlier_share += channel.statistics().outlierShare() / static_cast<double>(m.channels.size());
@@ -275,10 +313,8 @@ LightingModel::Report LightingModel::report() const {
     report.memory_bytes += channel.memoryBytes();
   }
   if (m.samples > 0) report.saturated_share = static_cast<double>(saturated) / static_cast<double>(m.samples);
-  // A Bayer image's blue is its last channel; of its two greens the first is used.
-  const std::size_t last = m.channels.size() - 1;
   for (std::size_t colour = 0; colour < 3; ++colour) {
-    const ChannelModel& channel = m.channels[colour == 2 ? last : std::min(colour, last)];
+    const ChannelModel& channel = m.channelOf(colour);
     if (channel.knowsRange()) report.attenuation[colour] = {channel.law().power, channel.law().per_metre};
   }
   return report;

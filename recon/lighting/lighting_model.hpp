@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -10,6 +11,7 @@
 #include "realtime/kernel/rings/fixed_queue.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/lighting/lighting_config.hpp"
+#include "recon/lighting/node_statistics.hpp"
 #include "recon/lighting/range_lattice.hpp"
 
 namespace fathom::lighting {
@@ -23,6 +25,34 @@ enum class LightingKind : std::uint8_t { kNone, kWholeImage, kPlain, kRangeDepen
 // How a colour's light falls off with range r [m]: in proportion to r^power exp(-per_metre r).
 struct Attenuation {
   double power = 0, per_metre = 0;
+  [[nodiscard]] double logAt(double range) const { return power * std::log(range) - per_metre * range; }
+
+  static void exchange(auto& archive, auto& self) { archive(self.power, self.per_metre); }
+};
+struct WaterLaw {
+  std::array<Attenuation, 3> colours;  // red, green, blue
+  double share = 1;                    // of the difference to what was learnt that is beyond doubt
+
+  static void exchange(auto& archive, auto& self) { archive(self.colours, self.share); }
+};
+
+// By how much a law of water differs from what a model learnt, which takes ground that is darker at some
+// ranges for light that falls there: natural logarithm of the light by that law over the model's, by colour
+// and class of range, 0 in the mean over what was seen.
+struct FallCorrection {
+  std::array<std::array<float, RangeBins::kKnown>, 3> log_light{};
+  [[nodiscard]] float at(std::size_t colour, float range) const {  // range [m]; not positive: unknown, 0
+    return range > 0 ? RangeBins::between(log_light[colour], range) : 0;
+  }
+
+  static void exchange(auto& archive, auto& self) { archive(self.log_light); }
+};
+
+// What is known of the light of one image.
+struct ImageLight {
+  double exposure_s = 0;     // as stamped; 0: unknown
+  double gain = 1;           // its brightness over that which its exposure predicts
+  FallCorrection fall = {};  // of its colours
 };
 
 // Per-pixel, per-channel mean m and standard deviation s of many images, turned into gain and offset that
@@ -73,15 +103,21 @@ class LightingModel {
 
   // The same in sRGB, for maps and the eye: each channel's linear light over the dive's mean of it, so that
   // hues stay; the haze of a dive without contrast is lifted (see ColourLight). RGB of 8 bits is taken to be
-  // sRGB already, everything else to be linear light. `gain`: the image's brightness over that which its
-  // exposure predicts.
+  //   // sRGB already, everything else to be linear light.
   void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
-                     double exposure_s = 0, double gain = 1) const;
+                     const ImageLight& light = {}) const;
 
   // correctColour() into `mosaic`, then demosaicRgb() into `rgb` (3 * width * height bytes). Where a sample
   // is clipped the hue is not known: the pixel is grey, as light as its lightest channel.
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
-               double exposure_s = 0, double gain = 1) const;
+               const ImageLight& light = {}) const;
+
+  // Of the model that corrects. `log_fall`: natural logarithm of the light that it expects from a range [m],
+  // less a constant; 0 of a model that knows no range.
+  [[nodiscard]] double logFall(std::size_t colour, double range) const;
+  [[nodiscard]] FallCorrection correctionTo(const WaterLaw& water) const;
+  // Images that show a class of range.
+  [[nodiscard]] double seen(int bin) const;
 
   // Which model correct() uses.
   [[nodiscard]] LightingKind used() const;

@@ -56,9 +56,27 @@ std::size_t NodeStatistics::block(std::size_t node) const {
   return node / columns / kBlock * static_cast<std::size_t>(block_columns_) + node % columns / kBlock;
 }
 
+void NodeStatistics::Cell::Exposed::add(double weight, double new_value, double new_darker, double new_x) {
+  const double total = count + weight, share = weight / total, spread = count * share;
+  const double v = new_value - value, d = new_darker - darker, dx = new_x - x;
+  darker_darker += spread * d * d, darker_value += spread * d * v, darker_x += spread * d * dx;
+  x_value += spread * dx * v, x_x += spread * dx * dx;
+  count = total, value += share * v, darker += share * d, x += share * dx;
+}
+
+void NodeStatistics::Cell::Exposed::halve() {
+  for (double* sum : {&count, &darker_darker, &darker_value, &darker_x, &x_value, &x_x}) *sum /= 2;
+}
+
+double NodeStatistics::atUsual(double mean, double darker) const {
+  constexpr double kLeast = 0.1;  // of what was measured
+  return std::max(mean + static_cast<double>(black_) * (1 - darker), kLeast * mean);
+}
+
 template <typename T>
-void NodeStatistics::add(const ImageView& image, float saturated, std::span<const float> brightness,
-                         std::span<const float> ranges, std::span<float> means) {
+void NodeStatistics::add(const ImageView& image, float saturated, float exposure,
+                         std::span<const float> slope, std::span<const float> ranges,
+                         std::span<float> means) {
   constexpr int kTableBits = 12;
   const T* samples = static_cast<const T*>(image.data);
   const std::size_t stride = image.stride / sizeof(T);
@@ -80,13 +98,15 @@ void NodeStatistics::add(const ImageView& image, float saturated, std::span<cons
       columns[index(i * kSide + k)] =
           channel_.column + place(i, lattice_.columns, k, channel_.width) * channel_.column_step;
 
+  const double image_darker = 1 / static_cast<double>(exposure);
+  const std::uint64_t saturated_before = saturated_;
   for (int j = 0; j < lattice_.rows; ++j) {
     std::array<int, kSide> rows;
     for (int k = 0; k < kSide; ++k)
       rows[index(k)] = channel_.row + place(j, lattice_.rows, k, channel_.height) * channel_.row_step;
     for (int i = 0; i < lattice_.columns; ++i) {
       const std::size_t node = index(j * lattice_.columns + i);
-      const float range = ranges[node], darker = 1.0F / brightness[node];
+      const float range = ranges[node], darker = 1.0F / (exposure * slope[node]);
       const bool known = std::isfinite(range) && range > 0;
       const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
       Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
@@ -119,6 +139,7 @@ void NodeStatistics::add(const ImageView& image, float saturated, std::span<cons
       cell.squares +=
           std::max(0.0, static_cast<double>(squares) - mean * sum) + delta * delta * cell.count * share;
       cell.mean += delta * share;
+      cell.darker_mean += (image_darker - cell.darker_mean) * share;
       if (known) {
         const double x = std::log(static_cast<double>(range)), x_delta = x - cell.x_mean;
         cell.x_squares += x_delta * x_delta * cell.count * share;
@@ -127,12 +148,42 @@ void NodeStatistics::add(const ImageView& image, float saturated, std::span<cons
       cell.count = total;
     }
   }
+  constexpr double kClipped = 0.02;  // of an image's samples: what is left of more is too dark
+  const double clipped = static_cast<double>(saturated_ - saturated_before) / kSamplesPerImage;
+  const bool whole = clipped <= kClipped * static_cast<double>(lattice_.size());
+  for (std::size_t node = 0; node < lattice_.size(); ++node) {
+    if (means[node] < 0) continue;
+    const double mean = static_cast<double>(means[node]);
+    means[node] = static_cast<float>(atUsual(mean, image_darker));
+    if (!whole) continue;
+    const float range = ranges[node];
+    const bool known = std::isfinite(range) && range > 0;
+    const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
+    cells_[node * RangeBins::kAll + index(bin)].exposed.add(1, mean, image_darker,
+                                                            known ? std::log(static_cast<double>(range)) : 0);
+  }
 }
 
-template void NodeStatistics::add<std::uint8_t>(const ImageView&, float, std::span<const float>,
+template void NodeStatistics::add<std::uint8_t>(const ImageView&, float, float, std::span<const float>,
                                                 std::span<const float>, std::span<float>);
-template void NodeStatistics::add<std::uint16_t>(const ImageView&, float, std::span<const float>,
+template void NodeStatistics::add<std::uint16_t>(const ImageView&, float, float, std::span<const float>,
                                                  std::span<const float>, std::span<float>);
+
+void NodeStatistics::findBlack() {
+  constexpr double kScene = 0.15;                 // images differ by that much, relative
+  constexpr double kBlack = 0.02, kMost = 0.1;    // prior, about 0; parts of full scale
+  constexpr double kFall = -2.8, kFallSigma = 1;  // prior of d log L / d log r
+  const double weight = 1 / (kScene * kScene * static_cast<double>(lattice_.size()));
+  double bb = 1 / (kBlack * kBlack), bf = 0, ff = 1 / (kFallSigma * kFallSigma), b = 0, f = kFall * ff;
+  for (const Cell& cell : cells_) {
+    const Cell::Exposed& e = cell.exposed;
+    if (!(e.count > 1) || !(e.value > 0)) continue;
+    bb += weight * e.darker_darker / (e.value * e.value), bf += weight * e.darker_x / e.value;
+    ff += weight * e.x_x;
+    b += weight * e.darker_value / (e.value * e.value), f += weight * e.x_value / e.value;
+  }
+  black_ = static_cast<float>(std::clamp((b * ff - f * bf) / (bb * ff - bf * bf), 0.0, kMost));
+}
 
 void NodeStatistics::halve() {
   for (std::size_t k = 0; k < cells_.size(); ++k) {
@@ -141,6 +192,7 @@ void NodeStatistics::halve() {
     if ((bins & bin) == 0) continue;
     Cell& cell = cells_[k];
     cell.count /= 2, cell.squares /= 2, cell.x_squares /= 2;
+    cell.exposed.halve();
     for (std::size_t h = 0; h < kClasses; ++h) {
       const std::uint16_t left = cell.number[h] / 2;
       if (cell.number[h] > 0) cell.sum[h] *= static_cast<float>(left) / static_cast<float>(cell.number[h]);
@@ -199,17 +251,19 @@ Moments NodeStatistics::moments(std::size_t node, int bin) const {
     number += cell.number[k];
     sum += static_cast<double>(cell.sum[k]);
   }
-  Moments m{cell.count, cell.mean, cell.squares / cell.count, cell.x_mean, cell.x_squares / cell.count};
+  Moments m{cell.count, atUsual(cell.mean, cell.darker_mean), cell.squares / cell.count, cell.x_mean,
+            cell.x_squares / cell.count};
   if (number == all || all == 0) return m;
   if (number == 0) return {};
   m.count *= number / all;
-  m.mean = sum / number;
+  const double inner = sum / number;
+  m.mean = atUsual(inner, cell.darker_mean);
   m.variance = 0;
   for (std::size_t k = interval.first; k <= interval.last; ++k) {
     if (cell.number[k] == 0) continue;
     // Samples are taken to be uniform within their class, a quarter of an octave.
     constexpr double kWithin = 0.1733 * 0.1733 / 12;
-    const double n = cell.number[k], mean = static_cast<double>(cell.sum[k]) / n, d = mean - m.mean;
+    const double n = cell.number[k], mean = static_cast<double>(cell.sum[k]) / n, d = mean - inner;
     m.variance += n / number * (d * d + kWithin * mean * mean);
   }
   return m;

@@ -77,6 +77,13 @@ struct RangeBins {
   // log2 of a range in units of bins (bin k has its middle at k), clamped to the known bins.
   [[nodiscard]] static float position(float range);
   [[nodiscard]] static double middle(int bin);  // [m]
+  // Interpolates values at the middles of the bins at a range [m].
+  [[nodiscard]] static float between(const std::array<float, kKnown>& values, float range) {
+    const float at = position(range);
+    const int bin = std::min(static_cast<int>(at), kKnown - 2);
+    const float t = at - static_cast<float>(bin);
+    return (1 - t) * values[index(bin)] + t * values[index(bin + 1)];
+  }
 };
 
 // Moments of samples in parts of full scale, without the outliers.
@@ -85,20 +92,30 @@ struct Moments {
   double x_mean = 0, x_variance = 0;  // of the natural logarithm of the range
 };
 
-// Statistics of one channel's samples: for every node and class of range a histogram of brightness (in
+// // Statistics of one channel's samples: for every node and class of range a histogram of brightness (in
 // logarithms) with the sum in each class, and Welford's mean and variance. The histogram gives an interval of
 // inliers, outside which are fish, shadows and glints; moments() are those of the inliers. Memory is fixed.
+//
+// A sample of an image with e times the usual exposure is b + e L: light L, and the sensor's black level b,
+// which exposure leaves alone. Divided by e it falls with 1/e to L; b is the slope of that within a node and
+// class of range, all of them together. Everything is brought to the usual exposure, at which it is b + L.
 class NodeStatistics {
  public:
   NodeStatistics(const Channel& channel, const NodeLattice& lattice);
 
-  // Takes up to 16 samples spread over each node's cell, those below `saturated` (of full scale) that the
-  // image's mask does not hide, and divides them by `brightness` of their node. `T`: uint8_t or uint16_t, as
-  // the image's bits are; `ranges`: a node's path length [m], not positive: unknown. `means` receives each
-  // node's mean in this image, or -1 if none of its samples was taken.
+  //   // Takes up to 16 samples spread over each node's cell, those below `saturated` (of full scale) that
+  //   the
+  // image's mask does not hide, of an image with `exposure` times the usual exposure and, at each node,
+  // `slope` times the light of perpendicular ground. `T`: uint8_t or uint16_t, as the image's bits are;
+  // `ranges`: a node's path length [m], not positive: unknown. `means` receives each node's mean in this
+  // image, or -1 if none of its samples was taken.
   template <typename T>
-  void add(const ImageView& image, float saturated, std::span<const float> brightness,
+  void add(const ImageView& image, float saturated, float exposure, std::span<const float> slope,
            std::span<const float> ranges, std::span<float> means);
+
+  // The black level, parts of full scale, from the samples so far; 0 where all exposures are alike.
+  void findBlack();
+  [[nodiscard]] float black() const { return black_; }
 
   // Halves the weight of all samples so far; cells left with less than one sample are cleared.
   void halve();
@@ -121,7 +138,7 @@ class NodeStatistics {
   static void exchange(Archive& archive, Self& self) {
     archive.fixed(self.bins_);
     archive.fixed(self.intervals_);
-    archive(self.saturated_, self.outlier_share_);
+    archive(self.saturated_, self.outlier_share_, self.black_);
     for (const Interval& i : self.intervals_)
       archive.require(i.first <= i.last && i.last < kClasses, "an interval of brightness that is none");
     for (std::size_t k = 0; k < self.cells_.size(); ++k) {
@@ -138,17 +155,33 @@ class NodeStatistics {
   struct Cell {
     double count = 0, mean = 0, squares = 0;  // squares: sum of squared differences from the mean
     double x_mean = 0, x_squares = 0;
+    double darker_mean = 0;  // of 1 / exposure
     std::array<std::uint16_t, kClasses> number{};
     std::array<float, kClasses> sum{};
+    // Of the node's means in images that are hardly clipped: weight, means and sums of products of their
+    // differences from these. value: over exposure; darker: 1 / exposure; x: logarithm of the range.
+    struct Exposed {
+      double count = 0, value = 0, darker = 0, x = 0;
+      double darker_darker = 0, darker_value = 0, darker_x = 0, x_value = 0, x_x = 0;
+      void add(double weight, double new_value, double new_darker, double new_x);
+      void halve();
+      static void exchange(auto& archive, auto& self) {
+        archive(self.count, self.value, self.darker, self.x, self.darker_darker, self.darker_value,
+                self.darker_x, self.x_value, self.x_x);
+      }
+    } exposed;
 
     static void exchange(auto& archive, auto& self) {
-      archive(self.count, self.mean, self.squares, self.x_mean, self.x_squares, self.number, self.sum);
+      archive(self.count, self.mean, self.squares, self.x_mean, self.x_squares, self.darker_mean, self.number,
+              self.sum, self.exposed);
     }
   };
   struct Interval {
     std::uint8_t first = 0, last = kClasses - 1;  // classes
   };
   [[nodiscard]] std::size_t block(std::size_t node) const;
+  // A mean over exposure, brought to the usual one.
+  [[nodiscard]] double atUsual(double mean, double darker) const;
 
   Channel channel_;
   NodeLattice lattice_;
@@ -159,6 +192,7 @@ class NodeStatistics {
   std::vector<Interval> intervals_;  // by block of nodes, then bin
   std::uint64_t saturated_ = 0;
   double outlier_share_ = 0;
+  float black_ = 0;
 };
 
 }  // namespace fathom::lighting

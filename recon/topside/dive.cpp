@@ -264,8 +264,8 @@ const ModelPlan& Dive::plan() {
   const Digest key = planKey(input_, config_, grid_, poses_content_, prepared_->content());
   const WorkFile file = single(Stage::kPlan, key, [&](WorkFileWriter& out) {
     static const std::vector<slam::NavigationLink> kNone;
-    ModelPlan plan = planModel(*prepared_, T_nav_cam_, slam_ ? slam_->closures : kNone, grid_,
-                               config_.model.division, input_.region.get());
+    ModelPlan plan = planModel(*prepared_, lighting().left, T_nav_cam_, slam_ ? slam_->closures : kNone,
+                               grid_, config_.model.division, input_.region.get());
     plan.texel = config_.model.texel;
     if (plan.texel <= 0) {
       plan.texel = pixelOf(cameras.front());

@@ -30,7 +30,7 @@ LayerCells Dive::layerCells() {
 std::vector<StageTask> Dive::pieceTasks() {
   const ModelPlan& model = plan();
   if (textured() && !images_)
-    images_ = std::make_unique<ViewImages>(input_, *survey_, *lighting_, *prepared_, model.gains,
+    images_ = std::make_unique<ViewImages>(input_, *survey_, *lighting_, *prepared_, model.light,
                                            texture_cameras_, kImageBytes * threadsAllowed());
   piece_inputs_.input = &input_;
   piece_inputs_.config = &config_;
@@ -39,7 +39,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   piece_inputs_.footprints = &model.footprints;
   piece_inputs_.statistics = &model.statistics;
   piece_inputs_.planes = &survey_->planes;
-  piece_inputs_.gains = &model.gains;
+  piece_inputs_.light = &model.light;
   piece_inputs_.cameras = &texture_cameras_;
   piece_inputs_.images = images_.get();
   piece_inputs_.grid = grid_;

@@ -93,7 +93,7 @@ void score(const std::filesystem::path& mission, DiveResult& d) {
     d.onboard_coverage = report.onboard_surface->coverage;
   }
   for (const auto& [product, colours] : report.colours)
-    if (product == "mesh") d.colour_median = colours.median, d.colour_p95 = colours.p95;
+    if (product == "mesh.ply") d.colour_median = colours.median, d.colour_p95 = colours.p95;
   if (report.topside_surface) {
     d.topside_surface_m = report.topside_surface->aligned_rms_m;
     d.topside_coverage = report.topside_surface->coverage;

@@ -40,7 +40,8 @@ std::vector<std::string> failuresOf(const DiveResult& d, const Undisturbed& undi
 }
 
 std::string named(const Perturbation& p, double level) {
-  return formatted("%s %.3g %s", p.name, level, p.unit);
+  const std::string value = formatted("%s %.4g", p.name, level);
+  return p.unit == std::string("1") ? value : value + " " + p.unit;
 }
 
 // A row for each perturbation: the failed requirements of each level, and the first level that has one.

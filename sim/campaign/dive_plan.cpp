@@ -33,7 +33,7 @@ void drawSeafloor(Random& random, std::size_t site, TerrainConfig& t) {
                                           "", "real/sirius/run8"};
   constexpr std::size_t kReliefs = 5;
   t.albedo_images = kPhotographs[site % std::size(kPhotographs)];
-  if (site % kReliefs == 1) t.relief_file = "terrain/horseshoe_800x800_1cm.tif";
+  if (site % kReliefs == 1) t.relief_file = "terrain/horseshoe_800x800_1cm.tif", t.relief_cell_m = 0.01;
   if (site % kReliefs == 3) t.relief_file = "terrain/JD211_public_Release_1-4_UTM.bag", t.relief_cell_m = 0.1;
   t.seed = static_cast<std::uint64_t>(random.uniform(0, 1e6));
   t.base_depth_m = logUniform(random, 12, 30);

@@ -111,7 +111,7 @@ TEST(LightingModel, ADarkerPictureOfSrgbHasTheSameColoursByItsGainInLight) {
     level = static_cast<std::uint8_t>(std::lround(255 * srgb(kGain * linear(level / 255.0))));
   std::vector<std::uint8_t> expected(3 * kStrobeWidth * kStrobeHeight), out(expected.size());
   model.correctColour(bright.view(), RangeLattice(), expected.data());
-  model.correctColour(dark.view(), RangeLattice(), out.data(), 0, kGain);
+  model.correctColour(dark.view(), RangeLattice(), out.data(), {.gain = kGain});
   const auto [mean, sigma] = statistics({out}, {0, 0, kStrobeWidth, kStrobeHeight}, kEveryPixel, 3, 1);
   const auto [mean_expected, sigma_expected] =
       statistics({expected}, {0, 0, kStrobeWidth, kStrobeHeight}, kEveryPixel, 3, 1);

@@ -1,10 +1,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
 
+#include "recon/geometry/colour.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "tests/support/saved_state.hpp"
 
@@ -195,6 +197,36 @@ TEST(StreamingLight, AnotherExposureIsAppliedAtOnceAndNotLearnt) {
   const Thirds after = meanOfThirds(model, floor, true, 1, 0.004);
   EXPECT_NEAR(after.left, before.left, 0.01);
   EXPECT_NEAR(after.right, before.right, 0.01);
+}
+
+// A sensor that reads 0.02 in the dark, and exposures from a quarter to four times the usual: what is light
+// follows the exposure, what the sensor adds does not.
+TEST(StreamingLight, KeepsTheGroundsBrightnessAtExposuresFromAQuarterToFour) {
+  constexpr double kBlack = 0.02, kFull = 4095;
+  constexpr std::array<double, 5> kExposures = {0.25, 0.5, 1, 2, 4};
+  LampFloor floor;
+  const auto picture = [&](double exposure) {
+    // Of an eighth of the light, so that four times as much clips little.
+    std::vector<std::uint16_t> pixels = floor.next(true, exposure / 4);
+    for (std::uint16_t& p : pixels) p = static_cast<std::uint16_t>(std::min(p + kBlack * kFull, kFull));
+    return pixels;
+  };
+  LightingModel model = modelOf(0);
+  for (std::size_t k = 0; k < 60; ++k) {
+    const double exposure = kExposures[k % kExposures.size()];
+    model.add(view(picture(exposure)), kUnknown, 0.004 * exposure);
+  }
+  EXPECT_NEAR(model.report().black, kBlack, 0.004);
+  std::vector<std::uint8_t> out(kStreamWidth * kStreamHeight);
+  std::array<double, kExposures.size()> light{};
+  for (std::size_t e = 0; e < kExposures.size(); ++e)
+    for (int k = 0; k < 40; ++k) {
+      model.correctColour(view(picture(kExposures[e])), kUnknown, out.data(),
+                          {.exposure_s = 0.004 * kExposures[e]});
+      for (const std::uint8_t level : out)
+        light[e] += linearFromSrgb(level / 255.0) / 40 / static_cast<double>(out.size());
+    }
+  for (const double of_exposure : light) EXPECT_NEAR(of_exposure / light[2], 1, 0.05);
 }
 
 TEST(NewGround, TakesAMovingVehiclesImagesAndNoneOfAHoveringOne) {

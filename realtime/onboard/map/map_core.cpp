@@ -183,7 +183,7 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
     right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
   }
   left_light_.colours(input.left, ranges_.left(), left_mosaic_.data(), left_rgb_.data(),
-                      input.left_exposure_s);
+                      {.exposure_s = input.left_exposure_s});
 }
 
 template <typename Match>

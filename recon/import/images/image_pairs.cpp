@@ -19,14 +19,15 @@ namespace {
 struct TimedName {
   std::int64_t utc_ns;
   std::string name;
+  double exposure_s = 0;
   auto operator<=>(const TimedName&) const = default;
 };
 
 struct Images {
   std::vector<TimedName> left, right;
 
-  void add(CameraSide side, std::int64_t utc_ns, const std::string& name) {
-    (side == CameraSide::kLeft ? left : right).push_back({utc_ns, name});
+  void add(CameraSide side, std::int64_t utc_ns, const std::string& name, double exposure_s = 0) {
+    (side == CameraSide::kLeft ? left : right).push_back({utc_ns, name, exposure_s});
   }
 };
 
@@ -37,7 +38,8 @@ Images fromLog(const io::MissionPaths& paths) {
   while (const auto entry = reader.next())
     if (const auto* event = std::get_if<ImageEvent>(&entry->sample)) {
       nav::CameraClock& clock = event->side == CameraSide::kLeft ? left : right;
-      images.add(event->side, clock.utcNs(event->utc_ns, entry->arrival_utc_ns), event->file_name);
+      images.add(event->side, clock.utcNs(event->utc_ns, entry->arrival_utc_ns), event->file_name,
+                 event->exposure_s);
     }
   return images;
 }
@@ -94,10 +96,15 @@ PairList listPairs(const io::MissionPaths& paths, const io::MissionConfig& missi
   const auto partners =
       partnersByTime(times(images.left), times(images.right), tolerance, mission.start_utc_ns);
   for (std::size_t k = 0; k < partners.size(); ++k) {
-    if (partners[k])
-      list.pairs.push_back({images.left[k].utc_ns, images.left[k].name, images.right[*partners[k]].name});
-    else
+    if (!partners[k]) {
       ++list.left_alone;
+      continue;
+    }
+    const TimedName &left = images.left[k], &right = images.right[*partners[k]];
+    list.pairs.push_back({.utc_ns = left.utc_ns,
+                          .left = left.name,
+                          .right = right.name,
+                          .exposures_s = {left.exposure_s, right.exposure_s}});
   }
   list.right_alone = images.right.size() - list.pairs.size();
   if (list.pairs.empty())

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -9,13 +11,19 @@
 namespace fathom::topside {
 
 struct ImagePair {
-  std::int64_t utc_ns = 0;               // of the left exposure, by the vehicle's clock
-  std::string left, right;               // file names within img/
-  std::vector<std::string> colour = {};  // the same of the colour cameras; empty: none of this moment
+  std::int64_t utc_ns = 0;                 // of the left exposure, by the vehicle's clock
+  std::string left, right;                 // file names within img/
+  std::vector<std::string> colour = {};    // the same of the colour cameras; empty: none of this moment
+  std::array<double, 2> exposures_s = {};  // left and right, as stamped; 0: not known
+
+  // Of a camera as MissionInput numbers them.
+  [[nodiscard]] double exposureOf(std::size_t camera) const {
+    return camera < exposures_s.size() ? exposures_s[camera] : 0;
+  }
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.utc_ns, self.left, self.right, self.colour);
+    archive(self.utc_ns, self.left, self.right, self.colour, self.exposures_s);
   }
 };
 

@@ -18,11 +18,12 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kLightingVersion = 8;  // changes with the result
+constexpr std::uint32_t kLightingVersion = 9;  // changes with the result
 constexpr int kRangePoints = 300;              // corners that show an image's ranges well enough
 
 // Of one moment, by camera.
 struct Images {
+  ImagePair pair;
   std::vector<std::optional<io::ImageFile>> files;
   std::vector<lighting::RangeLattice> ranges;  // unknown without a pose
 };
@@ -143,6 +144,7 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
               tbb::filter_mode::parallel,
               [&](std::size_t index) {
                 auto images = std::make_shared<Images>();
+                images->pair = pairs[index];
                 images->ranges.resize(input.cameras());
                 for (std::size_t camera = 0; camera < input.cameras(); ++camera)
                   images->files.push_back(readOrPass(input, pairs[index], camera));
@@ -157,7 +159,9 @@ void learnLighting(const MissionInput& input, const TopsideConfig& config, const
               tbb::filter_mode::serial_in_order, [&](const std::shared_ptr<Images>& images) {
                 for (std::size_t camera = 0; camera < images->files.size(); ++camera) {
                   const auto& file = images->files[camera];
-                  if (file) models.of(camera).add(file->view, images->ranges[camera]);
+                  if (file)
+                    models.of(camera).add(file->view, images->ranges[camera],
+                                          images->pair.exposureOf(camera));
                   if (!file && camera < 2) ++models.unreadable;
                 }
                 progress.step();

@@ -8,11 +8,11 @@ namespace {
 
 // `file` corrected, as it was read and in grey.
 void correctOne(const lighting::LightingModel& model, const lighting::RangeLattice& ranges,
-                const io::ImageFile& file, const Camera& camera, std::vector<std::uint8_t>& corrected,
-                std::vector<std::uint8_t>& mono) {
+                const io::ImageFile& file, double exposure_s, const Camera& camera,
+                std::vector<std::uint8_t>& corrected, std::vector<std::uint8_t>& mono) {
   corrected.resize(pixelsOf(camera) * samplesPerPixel(file.view.format));
   mono.resize(pixelsOf(camera));
-  model.correct(file.view, ranges, corrected.data());
+  model.correct(file.view, ranges, corrected.data(), exposure_s);
   lighting::demosaicMono(eightBitView(corrected, camera, file.view.format), mono.data());
   if (file.mask) fillHidden(mono.data(), 1, *file.mask);
 }
@@ -20,7 +20,11 @@ void correctOne(const lighting::LightingModel& model, const lighting::RangeLatti
 }  // namespace
 
 PairImages::PairImages(const MissionInput& input, const LightingModels& models)
-    : input_(input), rig_(input.rig), models_(models), files_(input.cameras()) {
+    : input_(input),
+      rig_(input.rig),
+      models_(models),
+      files_(input.cameras()),
+      exposures_s_(input.cameras()) {
   for (std::size_t camera = 0; camera < input.cameras(); ++camera)
     ranges_.emplace_back(input.camera(camera), input.T_cam_left(camera));
   if (input.colours) matrix_.emplace(*input.colours);
@@ -29,6 +33,8 @@ PairImages::PairImages(const MissionInput& input, const LightingModels& models)
 bool PairImages::readCamera(const ImagePair& pair, std::size_t camera) {
   try {
     files_[camera] = input_.image(pair, camera);
+    exposures_s_[camera] = pair.exposureOf(camera);
+
   } catch (const InputError& error) {
     error_ = error.what();
     return false;
@@ -42,11 +48,13 @@ bool PairImages::read(const ImagePair& pair) {
 
 void PairImages::correct(const stereo::SeedPlane& plane) {
   (void)correctLeft(plane);
-  correctOne(models_.right, ranges_[1].of(plane, {}), files_[1], rig_.right, right_, right_mono_);
+  correctOne(models_.right, ranges_[1].of(plane, {}), files_[1], exposures_s_[1], rig_.right, right_,
+             right_mono_);
 }
 
 ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
-  correctOne(models_.left, ranges_[0].of(plane, {}), files_[0], rig_.left, left_, left_mono_);
+  correctOne(models_.left, ranges_[0].of(plane, {}), files_[0], exposures_s_[0], rig_.left, left_,
+             left_mono_);
   return left();
 }
 
@@ -59,13 +67,17 @@ ImageView PairImages::right() const {
 }
 
 RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
-                             double gain, std::size_t camera) {
+                             double gain, const std::optional<lighting::WaterLaw>& water,
+                             std::size_t camera) {
   const Camera& eye = input_.camera(camera);
   const io::ImageFile& file = files_[camera];
   RgbImage image{eye.width, eye.height, std::vector<std::uint8_t>(3 * pixelsOf(eye))};
   mosaic_.resize(pixelsOf(eye) * samplesPerPixel(file.view.format));
-  models_.of(camera).colours(file.view, ranges_[camera].of(plane, points), mosaic_.data(), image.rgb.data(),
-                             0, gain);
+  const lighting::LightingModel& model = models_.of(camera);
+  model.colours(file.view, ranges_[camera].of(plane, points), mosaic_.data(), image.rgb.data(),
+                {.exposure_s = exposures_s_[camera],
+                 .gain = gain,
+                 .fall = water ? model.correctionTo(*water) : lighting::FallCorrection()});
   if (matrix_ && camera == 0) matrix_->apply(image.rgb);
   if (file.mask) fillHidden(image.rgb.data(), 3, *file.mask);
   return image;

@@ -63,9 +63,11 @@ class PairImages {
   // Reads the image of one camera alone.
   [[nodiscard]] bool readCamera(const ImagePair& pair, std::size_t camera);
   // One camera's image in colour, corrected by the ranges to a plane bent to points, both in the left camera
-  // frame. `gain`: how much brighter it is than others of the same ground would be.
+  // frame. `gain`: how much brighter it is than others of the same ground would be; `water`: by which light
+  // falls with range, where that is known better than the lighting model learnt it.
   [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
-                                 double gain = 1, std::size_t camera = 0);
+                                 double gain = 1, const std::optional<lighting::WaterLaw>& water = {},
+                                 std::size_t camera = 0);
   // What that image shows of the vehicle; null: nothing.
   [[nodiscard]] const std::shared_ptr<const ImageMask>& mask(std::size_t camera) const {
     return files_[camera].mask;
@@ -77,6 +79,8 @@ class PairImages {
   const LightingModels& models_;
   std::vector<CameraRanges> ranges_;  // by camera
   std::vector<io::ImageFile> files_;  // by camera
+  std::vector<double> exposures_s_;   // of these
+
   std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, mosaic_;
   std::optional<ColourMatrix> matrix_;
   std::string error_;

@@ -25,7 +25,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 9;
+constexpr std::uint32_t kPieceVersion = 10;
 
 // Seconds of several threads by step.
 class SharedCosts {
@@ -176,11 +176,15 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
     addRig(hasher, *in.input);
     hasher.add(lighting);
   }
+  hasher.add(in.light->water.share);
+  if (in.light->water.share > 0)
+    for (const lighting::Attenuation& a : in.light->water.colours) hasher.add(a.power, a.per_metre);
   for (const std::uint32_t pair : piece.meshes) {
     hasher.add(in.prepared->meshDigest(pair));
     addPose(hasher, (*in.T_nav_cam)[pair]);
+    hasher.add(in.light->gains[pair]);
     if (!textured) continue;
-    hasher.add(image_identities[pair], (*in.gains)[pair]);
+    hasher.add(image_identities[pair]);
     addPlane(hasher, (*in.planes)[pair]);
   }
   return hasher.finish();
@@ -195,6 +199,7 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
     fusion::VolumetricFusion fusion(fusionConfig(in, piece));
     for (const std::uint32_t pair : piece.meshes) {
       Mesh mesh = in.prepared->mesh(pair);
+      relight(mesh, static_cast<double>(in.light->gains[pair]), in.light->fall);
       const SE3& T_nav_cam = (*in.T_nav_cam)[pair];
       transform(mesh, T_nav_cam);
       fusion.integrate(mesh, T_nav_cam.translation());

@@ -24,7 +24,7 @@ struct PieceInputs {
   const std::vector<fusion::MeshFootprint>* footprints = nullptr;  // of every pair
   const fusion::CellStatistics* statistics = nullptr;              // of all meshes
   const SeedPlanes* planes = nullptr;                              // of every pair
-  const std::vector<float>* gains = nullptr;                       // of every pair's left image
+  const GroundLight* light = nullptr;
   const std::vector<TextureCamera>* cameras = nullptr;
   ViewImages* images = nullptr;  // null: no texture
   TileGrid grid;

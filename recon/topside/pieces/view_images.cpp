@@ -3,13 +3,13 @@
 namespace fathom::topside {
 
 ViewImages::ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
-                       const PreparedGroups& prepared, const std::vector<float>& gains,
+                       const PreparedGroups& prepared, const GroundLight& light,
                        const std::vector<TextureCamera>& cameras, std::size_t most_bytes)
     : input_(input),
       survey_(survey),
       lighting_(lighting),
       prepared_(prepared),
-      gains_(gains),
+      light_(light),
       cameras_(cameras),
       most_bytes_(most_bytes) {}
 
@@ -73,7 +73,8 @@ ViewImages::Image ViewImages::read(std::uint32_t view) {
   if (reader->readCamera(survey_.list.pairs[pair], camera.number)) {
     Mesh mesh;
     if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
-    RgbImage colours = reader->colours(*plane, mesh.vertices, gains_[pair], camera.number);
+    RgbImage colours =
+        reader->colours(*plane, mesh.vertices, light_.gains[pair], light_.law(), camera.number);
     image = std::make_shared<const surface::BandImage>(
         surface::makeBands(std::move(colours), camera.bands, reader->mask(camera.number)));
   }

@@ -15,6 +15,7 @@
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/light/lighting_stage.hpp"
 #include "recon/topside/light/pair_images.hpp"
+#include "recon/topside/plan/ground_light.hpp"
 #include "recon/topside/prepare/prepared_groups.hpp"
 
 namespace fathom::topside {
@@ -38,7 +39,7 @@ struct TextureCamera {
 class ViewImages {
  public:
   ViewImages(const MissionInput& input, const Survey& survey, const LightingModels& lighting,
-             const PreparedGroups& prepared, const std::vector<float>& gains,
+             const PreparedGroups& prepared, const GroundLight& light,
              const std::vector<TextureCamera>& cameras, std::size_t most_bytes);
   ViewImages(const ViewImages&) = delete;
   ViewImages& operator=(const ViewImages&) = delete;
@@ -59,7 +60,7 @@ class ViewImages {
   const Survey& survey_;
   const LightingModels& lighting_;
   const PreparedGroups& prepared_;
-  const std::vector<float>& gains_;  // of the images, by pair
+  const GroundLight& light_;
   const std::vector<TextureCamera>& cameras_;
   std::size_t most_bytes_, bytes_ = 0;
   mutable std::mutex mutex_;

@@ -8,7 +8,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
-#include "recon/topside/plan/image_gains.hpp"
+
 #include "recon/topside/work/saved_bytes.hpp"
 
 namespace fathom::fusion {
@@ -28,7 +28,7 @@ void exchangeState(Archive& archive, topside::Is<Piece> auto& piece) {
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kPlanVersion = 3;  // changes with the result
+constexpr std::uint32_t kPlanVersion = 4;  // changes with the result
 constexpr double kTexelStep = 0.0001;      // [m]
 constexpr fusion::MeshFootprint kNowhere{{1, 1, 0, 0}};
 
@@ -71,9 +71,9 @@ std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3&
   return out;
 }
 
-ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_nav_cam,
-                    const std::vector<slam::NavigationLink>& closures, const TileGrid& grid,
-                    const fusion::DivisionConfig& division, const Region* region) {
+ModelPlan planModel(const PreparedGroups& prepared, const lighting::LightingModel& lighting,
+                    const std::vector<SE3>& T_nav_cam, const std::vector<slam::NavigationLink>& closures,
+                    const TileGrid& grid, const fusion::DivisionConfig& division, const Region* region) {
   const std::size_t pairs = T_nav_cam.size();
   ModelPlan plan;
   plan.footprints.assign(pairs, kNowhere);
@@ -94,7 +94,7 @@ ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_na
   std::vector<std::pair<std::uint32_t, std::uint32_t>> joined;
   for (const slam::NavigationLink& link : closures)
     if (link.kept) joined.emplace_back(link.a, link.b);
-  plan.gains = imageGains(prepared, T_nav_cam, joined);
+  plan.light = groundLight(prepared, lighting, T_nav_cam, joined);
   plan.pieces = fusion::divideSpace(plan.footprints, joined, grid, division);
   if (region != nullptr) keepPiecesOf(*region, grid, plan);
   return plan;
@@ -121,7 +121,7 @@ Digest planKey(const MissionInput& input, const TopsideConfig& config, const Til
 
 void savePlan(WorkFileWriter& file, const ModelPlan& plan) {
   file.add("plan", savedBytes([&](rt::StateWriter& writer) {
-             writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.gains, plan.texel);
+             writer(plan.footprints, plan.pieces, plan.statistics.save(), plan.light, plan.texel);
            }));
 }
 
@@ -130,7 +130,7 @@ ModelPlan loadPlan(const WorkFile& file) {
   rt::StateReader reader(bytes);
   ModelPlan plan;
   Bytes statistics;
-  if (!reader(plan.footprints, plan.pieces, statistics, plan.gains, plan.texel) ||
+  if (!reader(plan.footprints, plan.pieces, statistics, plan.light, plan.texel) ||
       !plan.statistics.load(statistics))
     throw DamagedWork(file.path());
   return plan;

@@ -7,6 +7,8 @@
 #include "recon/fusion/space_division.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
+#include "recon/topside/plan/ground_light.hpp"
+
 #include "recon/topside/prepare/prepared_groups.hpp"
 
 namespace fathom::topside {
@@ -16,16 +18,17 @@ struct ModelPlan {
   std::vector<fusion::MeshFootprint> footprints;  // of every pair's mesh; empty ones of pairs without
   std::vector<fusion::Piece> pieces;
   fusion::CellStatistics statistics;
-  std::vector<float> gains;  // of every pair's left image, see imageGains
-  double texel = 0;          // finest [m]
+  GroundLight light;  // what overlapping images say of each other's
+  double texel = 0;   // finest [m]
 };
 
 // Poses of the left camera of every pair with a mesh; identity elsewhere.
 [[nodiscard]] std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3& T_body_cam);
 
-// Reads every mesh once, in parallel; the result does not depend on the number of threads. `region`: only
-// pieces that may meet it; null: all. Throws InputError where there is none.
-[[nodiscard]] ModelPlan planModel(const PreparedGroups& prepared, const std::vector<SE3>& T_nav_cam,
+// // Reads every mesh once, in parallel; the result does not depend on the number of threads. `lighting`: of
+// the left camera; `region`: only pieces that may meet it; null: all. Throws InputError where there is none.
+[[nodiscard]] ModelPlan planModel(const PreparedGroups& prepared, const lighting::LightingModel& lighting,
+                                  const std::vector<SE3>& T_nav_cam,
                                   const std::vector<slam::NavigationLink>& closures, const TileGrid& grid,
                                   const fusion::DivisionConfig& division, const Region* region);
 

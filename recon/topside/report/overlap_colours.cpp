@@ -49,7 +49,7 @@ class Comparer {
         planes_(dive.planes()),
         prepared_(dive.prepared()),
         poses_(dive.poses()),
-        gains_(dive.plan().gains) {}
+        light_(dive.plan().light) {}
 
   ComparedCouple compare(std::uint32_t a, std::uint32_t b) const {
     ComparedCouple out;
@@ -60,8 +60,9 @@ class Comparer {
     const std::vector<ImagePair>& pairs = dive_.survey().list.pairs;
     if (!first.readLeft(pairs[a]) || !second.readLeft(pairs[b])) return out;
     const Mesh seen = prepared_.mesh(a);
-    const RgbImage one = first.colours(*planes_[a], seen.vertices, gains_[a]),
-                   other = second.colours(*planes_[b], prepared_.mesh(b).vertices, gains_[b]);
+    const RgbImage one = first.colours(*planes_[a], seen.vertices, light_.gains[a], light_.law()),
+                   other =
+                       second.colours(*planes_[b], prepared_.mesh(b).vertices, light_.gains[b], light_.law());
     const SE3& T_body_cam = dive_.input().mission.T_body_cam;
     const SE3 T_b_a = (*poses_[b].T_nav_body * T_body_cam).inverse() * (*poses_[a].T_nav_body * T_body_cam);
     const Camera& camera = dive_.input().rig.left;
@@ -92,7 +93,7 @@ class Comparer {
   SeedPlanes planes_;
   const PreparedGroups& prepared_;
   const std::vector<NavigatedPose>& poses_;
-  const std::vector<float>& gains_;
+  const GroundLight& light_;
 };
 
 }  // namespace

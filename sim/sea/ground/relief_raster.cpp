@@ -1,5 +1,6 @@
 #include "sim/sea/ground/relief_raster.hpp"
 
+#include <cpl_error.h>
 #include <gdal_alg.h>
 #include <gdal_priv.h>
 
@@ -34,6 +35,7 @@ Dataset filled(GDALDataset& file) {
 
 ReliefRaster::ReliefRaster(const std::filesystem::path& file, double cell_m) {
   GDALAllRegister();
+  const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
   const Dataset source(GDALDataset::Open(file.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY));
   if (!source || source->GetRasterCount() < 1) throw InputError(file, "", "is no raster of heights");
   const Dataset whole = filled(*source);
@@ -44,8 +46,9 @@ ReliefRaster::ReliefRaster(const std::filesystem::path& file, double cell_m) {
     throw InputError(file, "", "cannot be read as heights");
   std::array<double, 6> transform{};
   const bool placed = source->GetGeoTransform(transform.data()) == CE_None;
-  const double stated = placed ? std::hypot(transform[1], transform[2]) : 0;
-  if (!(stated > 0)) throw InputError(file, "", "does not state the size of its cells");
+  const double stated = placed ? std::hypot(transform[1], transform[2]) : cell_m;
+  if (!(stated > 0))
+    throw InputError(file, "", "does not state the size of its cells; give terrain.relief_cell_m");
   cell_m_ = cell_m > 0 ? cell_m : stated;
   double sum = 0;
   for (const float height : depths_) sum += static_cast<double>(height);
