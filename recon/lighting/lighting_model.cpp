@@ -114,8 +114,11 @@ void LightingModel::Impl::nodeRow(const Task& task, LightingKind kind, int j, No
     const float position = by_range ? RangeBins::position(range_m) : 0;
     // Images for matching keep the shading of slopes, which is useful texture.
     const bool colours = task.purpose == Purpose::kColour;
-    const float slope =
-        by_range && colours ? colour->lit(task.range->groundAt(lattice.u(i), lattice.v(j))) : 1;
+    float slope = 1, depth_m = 0;
+    if (by_range && colours) {
+      const RangeLattice::Ground ground = task.range->groundAt(lattice.u(i), lattice.v(j));
+      slope = colour->lit(ground), depth_m = ground.point.z();
+    }
     for (std::size_t c = 0; c < channels.size(); ++c) {
       const ChannelModel& channel = channels[c];
       Correction& out = row[c][static_cast<std::size_t>(i)];
@@ -124,10 +127,8 @@ void LightingModel::Impl::nodeRow(const Task& task, LightingKind kind, int j, No
       if (!channel.known()) {
         out = {(colours && !encoded() ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       } else if (colours) {
-        const float fall =
-            task.fall != nullptr
-                ? colour->samplesFor(std::exp(static_cast<double>(task.fall->at(colourOf(c), range_m))))
-                : 1;
+        const double off = task.fall != nullptr ? task.fall->at(colourOf(c), range_m, depth_m) : 0;
+        const float fall = off != 0 ? colour->samplesFor(std::exp(off)) : 1;
         out = colour->correction(c, channel, level, task.brightness, slope, fall);
       } else {
         out = stretch(channel, level, task.brightness);
@@ -271,8 +272,19 @@ double LightingModel::seen(int bin) const {
   return impl_->channels.front().seen(bin);
 }
 
+double LightingModel::usualRange() const {
+  double sum = 0, images = 0;
+  for (int b = 0; b < RangeBins::kKnown; ++b) {
+    sum += seen(b) * std::log(RangeBins::middle(b));
+    images += seen(b);
+  }
+  return images > 0 ? std::exp(sum / images) : 0;
+}
+
 FallCorrection LightingModel::correctionTo(const WaterLaw& water) const {
   FallCorrection out;
+  if (used() != LightingKind::kRangeDependent || !(usualRange() > 0)) return out;
+  out.usual = static_cast<float>(usualRange());
   for (std::size_t c = 0; c < water.colours.size(); ++c) {
     double mean = 0, images = 0;
     std::array<double, RangeBins::kKnown> off{};
@@ -281,7 +293,7 @@ FallCorrection LightingModel::correctionTo(const WaterLaw& water) const {
       off[index(b)] = water.colours[c].logAt(range) - logFall(c, range);
       mean += seen(b) * off[index(b)], images += seen(b);
     }
-    if (images > 0) mean /= images;
+    mean /= images;
     for (std::size_t b = 0; b < off.size(); ++b)
       out.log_light[c][b] = static_cast<float>(water.share * (off[b] - mean));
   }

@@ -38,14 +38,21 @@ struct WaterLaw {
 
 // By how much a law of water differs from what a model learnt, which takes ground that is darker at some
 // ranges for light that falls there: natural logarithm of the light by that law over the model's, by colour
-// and class of range, 0 in the mean over what was seen.
+// and class of range, 0 in the mean over what was seen. Over level ground at the usual depth the pattern over
+// the image holds the fall from its middle to its edges already, whatever the law.
 struct FallCorrection {
   std::array<std::array<float, RangeBins::kKnown>, 3> log_light{};
-  [[nodiscard]] float at(std::size_t colour, float range) const {  // range [m]; not positive: unknown, 0
-    return range > 0 ? RangeBins::between(log_light[colour], range) : 0;
+  float usual = 0;  // depth [m]; 0: no correction
+
+  // Of ground at a slant range and a depth along the camera's axis [m]; not positive: unknown, 0.
+  [[nodiscard]] float at(std::size_t colour, float range, float depth) const {
+    if (!(usual > 0) || !(range > 0) || !(depth > 0)) return 0;
+    const auto& light = log_light[colour];
+    return RangeBins::between(light, range) - RangeBins::between(light, usual * range / depth) +
+           RangeBins::between(light, usual);
   }
 
-  static void exchange(auto& archive, auto& self) { archive(self.log_light); }
+  static void exchange(auto& archive, auto& self) { archive(self.log_light, self.usual); }
 };
 
 // What is known of the light of one image.
@@ -86,7 +93,8 @@ class LightingModel {
   // 32nd, then each time that the number of images has grown by 1/16. Images of another shape are ignored and
   // counted. Without ranges, or where they are unknown, an image counts for the first two models alone. After
   // config.memory further images what was learnt counts half. `exposure_s`: the image's stamped exposure, to
-  // which its brightness is in proportion; 0: unknown, taken to be that of the first image with a stamp.
+  // which its light is in proportion (what the sensor reads in the dark is not); 0: unknown, taken to be that
+  // of the first image with a stamp.
   void add(const ImageView& image, const RangeLattice& range, double exposure_s = 0);
   void add(const ImageView& image);
   [[nodiscard]] int images() const;
@@ -112,12 +120,15 @@ class LightingModel {
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
                const ImageLight& light = {}) const;
 
-  // Of the model that corrects. `log_fall`: natural logarithm of the light that it expects from a range [m],
-  // less a constant; 0 of a model that knows no range.
+  //   // Natural logarithm of the light that the model which corrects expects from a range [m], less a
+  //   constant; 0
+  // of a model that knows no range.
   [[nodiscard]] double logFall(std::size_t colour, double range) const;
+  // From what it learnt, in each colour, to that law.
   [[nodiscard]] FallCorrection correctionTo(const WaterLaw& water) const;
-  // Images that show a class of range.
+  // Images that show a class of range, and the geometric mean of these [m]; 0: none.
   [[nodiscard]] double seen(int bin) const;
+  [[nodiscard]] double usualRange() const;
 
   // Which model correct() uses.
   [[nodiscard]] LightingKind used() const;

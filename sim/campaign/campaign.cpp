@@ -14,6 +14,7 @@
 #include "realtime/base/text.hpp"
 #include "sim/hil/bench/child_process.hpp"
 #include "sim/mission/mission_maker.hpp"
+#include "sim/scenario/scenario_file.hpp"
 #include "sim/score/score.hpp"
 
 namespace fathom::sim {
@@ -191,7 +192,10 @@ std::vector<DiveResult> runCampaign(const CampaignOptions& options) {
   for (const char* program : {"fathom-onboard", "fathom-topside"})
     if (!std::filesystem::exists(options.programs / program))
       throw InputError((options.programs / program).string(), "", "is absent; name its folder by --programs");
+  for (std::size_t site = 0; options.series != DiveSeries::kSingle && site < kSites; ++site)
+    static_cast<void>(resolvedTerrain(diveScenario(planOf(options.series, site), options.seed)));
   const std::filesystem::path file = options.out / "results.jsonl";
+
   if (std::filesystem::exists(options.out) && !std::filesystem::is_empty(options.out) &&
       !std::filesystem::exists(file))
     throw InputError(options.out.string(), "", "holds something else than a campaign; name another folder");

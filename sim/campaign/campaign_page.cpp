@@ -271,6 +271,23 @@ void addCosts(web::ReportPage& page, const Dives& dives, const Undisturbed& undi
                pairs);
 }
 
+std::string requirementText(DiveSeries series) {
+  constexpr double kMm = 1000;
+  const Requirements wanted = requirementsOf(series);
+  const std::string colours = std::isfinite(wanted.colour_p95)
+                                  ? formatted("95 %% of colours are within %g, ", wanted.colour_p95)
+                                  : "a track without pictures is within 3 times the undisturbed one's, ";
+  return formatted(
+             "A dive is good while it has a map on board and topside, coverage is at least %g of the "
+             "undisturbed dive's, the surface is within %g mm topside and %g mm on board (aligned, rms), ",
+             wanted.coverage, kMm * wanted.surface_m, kMm * wanted.onboard_m) +
+         colours +
+         formatted(
+             "the NEES of its poses is below %.1f (one dive's poses share an error: 99.9 %% of "
+             "chi-square), and no false closure is kept.",
+             kWorstNees);
+}
+
 // Share of dives below each value.
 web::Series cumulative(const std::string& label, const char* colour, const std::vector<double>& sorted) {
   web::Series line{.label = label, .colour = colour};
@@ -285,14 +302,8 @@ void addCombined(web::ReportPage& page, const Dives& all, const Undisturbed& und
   Dives dives;
   for (const DiveResult& d : all)
     if (!d.plan.undisturbed) dives.push_back(d);
-  const Requirements wanted = requirementsOf(DiveSeries::kTune);
   page.section("Goals");
-  page.text(formatted(
-      "A dive is good while it has a map on board and topside, coverage is at least %g of the "
-      "undisturbed dive's, the surface is within %g mm topside and %g mm on board (aligned, rms), "
-      "95 %% of colours are within %g, the NEES of its poses is below %.1f (one dive's poses "
-      "share an error: 99.9 %% of chi-square), and no false closure is kept.",
-      wanted.coverage, 1000 * wanted.surface_m, 1000 * wanted.onboard_m, wanted.colour_p95, kWorstNees));
+  page.text(requirementText(DiveSeries::kTune));
   page.table({"", "goal", "reached"}, goalRows(dives, undisturbed));
   page.plot({.title = "Dives whose surface is within",
              .x = "surface, aligned rms [mm]",
@@ -307,12 +318,7 @@ void addCombined(web::ReportPage& page, const Dives& all, const Undisturbed& und
 
 void addSingle(web::ReportPage& page, const Dives& dives, const Undisturbed& undisturbed) {
   page.section("Failed requirements by level");
-  page.text(
-      "A dive is good while it has a map on board and topside, coverage is at least 0.9 of the undisturbed "
-      "dive's, the surface is within 33 mm topside and 66 mm on board (aligned, rms), a track without "
-      "pictures is within 3 times the undisturbed one's, the NEES of its poses is below 22.5 (one dive's "
-      "poses "
-      "share an error: 99.9 % of chi-square), and no false closure is kept.");
+  page.text(requirementText(DiveSeries::kSingle));
   page.table({"perturbation", "level 1", "level 2", "level 3", "level 4", "fails at"},
              levelRows(dives, undisturbed));
 }

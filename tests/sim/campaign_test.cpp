@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <set>
 
+#include "realtime/base/input_error.hpp"
 #include "sim/campaign/dose_regression.hpp"
 #include "sim/scenario/key_range_check.hpp"
 #include "sim/scenario/random.hpp"
@@ -188,6 +190,20 @@ TEST(Campaign, DivesKeepsWhatWasDivedAndRefusesAnotherFolder) {
   std::filesystem::create_directory(folder.path() / "other");
   test::writeText(folder.path() / "other" / "letter.txt", "dear all");
   EXPECT_EQ(test::runProgram("fathom-sim campaign --out " + (folder.path() / "other").string()).exit_code, 2);
+}
+
+TEST(Campaign, AsksForTheRealSeafloorsOfItsSitesBeforeItDives) {
+  const test::TemporaryFolder folder;
+  CampaignOptions options;
+  options.out = folder.path() / "campaign";
+  options.programs = FATHOM_BIN_DIR;
+  options.series = DiveSeries::kTune;
+  const char* before = std::getenv("FATHOM_DATA_DIR");
+  const std::string kept = before != nullptr ? before : "";
+  setenv("FATHOM_DATA_DIR", folder.path().c_str(), 1);
+  EXPECT_THROW(runCampaign(options), InputError);
+  EXPECT_FALSE(std::filesystem::exists(options.out));
+  setenv("FATHOM_DATA_DIR", kept.c_str(), 1);
 }
 
 }  // namespace

@@ -117,8 +117,11 @@ TEST(GroundLight, TheSameGroundFromTwoRangesTellsDarkGroundFromLightThatFell) {
   const auto water = waterOf(couples, model);
   ASSERT_TRUE(water.has_value());
   const lighting::FallCorrection fall = model.correctionTo(*water);
-  EXPECT_NEAR(static_cast<double>(fall.at(1, 4) - fall.at(1, 2)), hidden, 0.05);
+  EXPECT_NEAR(static_cast<double>(fall.at(1, 4, 4) - fall.at(1, 2, 2)), hidden, 0.05);
   EXPECT_FALSE(waterOf({}, model).has_value()) << "nothing to learn from";
+  const auto usual = static_cast<float>(model.usualRange());
+  EXPECT_NEAR(fall.at(1, 1.2F * usual, usual), fall.at(1, usual, usual), 1e-5)
+      << "the pattern holds the fall towards the image's edge";
 
   Mesh mesh;
   mesh.vertices = {{0, 0, 2}, {0, 0, 4}};
@@ -126,7 +129,8 @@ TEST(GroundLight, TheSameGroundFromTwoRangesTellsDarkGroundFromLightThatFell) {
   relight(mesh, 1, fall);
   const double ratio = luminanceOf(mesh.colours[1]) / luminanceOf(mesh.colours[0]);
   double expected = 0;
-  for (std::size_t c = 0; c < 3; ++c) expected -= static_cast<double>(fall.at(c, 4) - fall.at(c, 2)) / 3;
+  for (std::size_t c = 0; c < 3; ++c)
+    expected -= static_cast<double>(fall.at(c, 4, 4) - fall.at(c, 2, 2)) / 3;
   EXPECT_NEAR(std::log(ratio), expected, 0.1) << "levels of 8 bits";
 }
 

@@ -45,19 +45,8 @@ int step(float metres) {
   return static_cast<int>(std::floor(metres / kSame));
 }
 
-// Ranges of level ground from where the dive mostly is: at them the light's pattern over the image, which was
-// learnt there, holds the fall to a pixel already. Geometric mean over what was seen [m].
-double usualDepth(const lighting::LightingModel& lighting) {
-  double sum = 0, images = 0;
-  for (int b = 0; b < lighting::RangeBins::kKnown; ++b) {
-    sum += lighting.seen(b) * std::log(lighting::RangeBins::middle(b));
-    images += lighting.seen(b);
-  }
-  return images > 0 ? std::exp(sum / images) : 0;
-}
-
 // Of a couple in one colour: mean ratio y, before what the model took for the fall was taken out, and its
-// derivatives x by power and fall a metre.
+// derivatives x by power and fall a metre; both as FallCorrection::at() counts them. `usual`: depth [m].
 struct CoupleFall {
   CoupleFall(const Couple& couple, std::size_t colour, const lighting::LightingModel& lighting, double usual)
       : count(static_cast<double>(couple.places.size())) {
@@ -232,7 +221,7 @@ GroundLight groundLight(const PreparedGroups& prepared, const lighting::Lighting
 
 std::optional<lighting::WaterLaw> waterOf(const std::vector<Couple>& couples,
                                           const lighting::LightingModel& lighting) {
-  const double usual = usualDepth(lighting);
+  const double usual = lighting.usualRange();
   if (couples.empty() || !(usual > 0)) return std::nullopt;
   lighting::WaterLaw water;
   std::array<Fall, 3> falls;
@@ -249,7 +238,8 @@ std::optional<lighting::WaterLaw> waterOf(const std::vector<Couple>& couples,
 void relight(Mesh& mesh, double gain, const lighting::FallCorrection& fall) {
   for (std::size_t k = 0; k < mesh.colours.size(); ++k)
     for (std::size_t c = 0; c < 3; ++c) {
-      const double over = gain * std::exp(static_cast<double>(fall.at(c, mesh.vertices[k].norm())));
+      const double over =
+          gain * std::exp(static_cast<double>(fall.at(c, mesh.vertices[k].norm(), mesh.vertices[k].z())));
       const double light = std::min(1.0, lightOf(mesh.colours[k][c]) / over);
       mesh.colours[k][c] = static_cast<std::uint8_t>(std::lround(kFull * fathom::srgbFromLinear(light)));
     }
@@ -264,7 +254,8 @@ std::vector<float> gainsOf(std::size_t pairs, const std::vector<Couple>& couples
     for (const SamePlace& place : couple.places) {
       Eigen::Vector3f ratio = place.log_ratio;
       for (std::size_t c = 0; c < 3; ++c)
-        ratio[static_cast<Eigen::Index>(c)] -= fall.at(c, place.range[0]) - fall.at(c, place.range[1]);
+        ratio[static_cast<Eigen::Index>(c)] -=
+            fall.at(c, place.range[0], place.depth[0]) - fall.at(c, place.range[1], place.depth[1]);
       ratios.push_back(static_cast<double>(luminance.dot(ratio)));
     }
     log_ratios.push_back(median(ratios));
