@@ -56,16 +56,16 @@ std::size_t NodeStatistics::block(std::size_t node) const {
   return node / columns / kBlock * static_cast<std::size_t>(block_columns_) + node % columns / kBlock;
 }
 
-void NodeStatistics::Cell::Exposed::add(double weight, double new_value, double new_darker, double new_x) {
-  const double total = count + weight, share = weight / total, spread = count * share;
-  const double v = new_value - value, d = new_darker - darker, dx = new_x - x;
+void NodeStatistics::Cell::Exposed::add(float new_value, float new_darker, float new_x) {
+  const float total = count + 1, share = 1 / total, spread = count * share;
+  const float v = new_value - value, d = new_darker - darker, dx = new_x - x;
   darker_darker += spread * d * d, darker_value += spread * d * v, darker_x += spread * d * dx;
   x_value += spread * dx * v, x_x += spread * dx * dx;
   count = total, value += share * v, darker += share * d, x += share * dx;
 }
 
 void NodeStatistics::Cell::Exposed::halve() {
-  for (double* sum : {&count, &darker_darker, &darker_value, &darker_x, &x_value, &x_x}) *sum /= 2;
+  for (float* sum : {&count, &darker_darker, &darker_value, &darker_x, &x_value, &x_x}) *sum /= 2;
 }
 
 double NodeStatistics::atUsual(double mean, double darker) const {
@@ -139,7 +139,6 @@ void NodeStatistics::add(const ImageView& image, float saturated, float exposure
       cell.squares +=
           std::max(0.0, static_cast<double>(squares) - mean * sum) + delta * delta * cell.count * share;
       cell.mean += delta * share;
-      cell.darker_mean += (image_darker - cell.darker_mean) * share;
       if (known) {
         const double x = std::log(static_cast<double>(range)), x_delta = x - cell.x_mean;
         cell.x_squares += x_delta * x_delta * cell.count * share;
@@ -159,8 +158,8 @@ void NodeStatistics::add(const ImageView& image, float saturated, float exposure
     const float range = ranges[node];
     const bool known = std::isfinite(range) && range > 0;
     const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
-    cells_[node * RangeBins::kAll + index(bin)].exposed.add(1, mean, image_darker,
-                                                            known ? std::log(static_cast<double>(range)) : 0);
+    cells_[node * RangeBins::kAll + index(bin)].exposed.add(
+        static_cast<float>(mean), static_cast<float>(image_darker), known ? std::log(range) : 0);
   }
 }
 
@@ -178,9 +177,11 @@ void NodeStatistics::findBlack() {
   for (const Cell& cell : cells_) {
     const Cell::Exposed& e = cell.exposed;
     if (!(e.count > 1) || !(e.value > 0)) continue;
-    bb += weight * e.darker_darker / (e.value * e.value), bf += weight * e.darker_x / e.value;
-    ff += weight * e.x_x;
-    b += weight * e.darker_value / (e.value * e.value), f += weight * e.x_value / e.value;
+    const double per = 1 / static_cast<double>(e.value);
+    bb += weight * per * per * static_cast<double>(e.darker_darker);
+    bf += weight * per * static_cast<double>(e.darker_x), ff += weight * static_cast<double>(e.x_x);
+    b += weight * per * per * static_cast<double>(e.darker_value);
+    f += weight * per * static_cast<double>(e.x_value);
   }
   black_ = static_cast<float>(std::clamp((b * ff - f * bf) / (bb * ff - bf * bf), 0.0, kMost));
 }
@@ -251,13 +252,13 @@ Moments NodeStatistics::moments(std::size_t node, int bin) const {
     number += cell.number[k];
     sum += static_cast<double>(cell.sum[k]);
   }
-  Moments m{cell.count, atUsual(cell.mean, cell.darker_mean), cell.squares / cell.count, cell.x_mean,
-            cell.x_squares / cell.count};
+  Moments m{cell.count, atUsual(cell.mean, static_cast<double>(cell.exposed.darker)),
+            cell.squares / cell.count, cell.x_mean, cell.x_squares / cell.count};
   if (number == all || all == 0) return m;
   if (number == 0) return {};
   m.count *= number / all;
   const double inner = sum / number;
-  m.mean = atUsual(inner, cell.darker_mean);
+  m.mean = atUsual(inner, static_cast<double>(cell.exposed.darker));
   m.variance = 0;
   for (std::size_t k = interval.first; k <= interval.last; ++k) {
     if (cell.number[k] == 0) continue;

@@ -155,15 +155,14 @@ class NodeStatistics {
   struct Cell {
     double count = 0, mean = 0, squares = 0;  // squares: sum of squared differences from the mean
     double x_mean = 0, x_squares = 0;
-    double darker_mean = 0;  // of 1 / exposure
     std::array<std::uint16_t, kClasses> number{};
     std::array<float, kClasses> sum{};
     // Of the node's means in images that are hardly clipped: weight, means and sums of products of their
     // differences from these. value: over exposure; darker: 1 / exposure; x: logarithm of the range.
     struct Exposed {
-      double count = 0, value = 0, darker = 0, x = 0;
-      double darker_darker = 0, darker_value = 0, darker_x = 0, x_value = 0, x_x = 0;
-      void add(double weight, double new_value, double new_darker, double new_x);
+      float count = 0, value = 0, darker = 1, x = 0;
+      float darker_darker = 0, darker_value = 0, darker_x = 0, x_value = 0, x_x = 0;
+      void add(float new_value, float new_darker, float new_x);
       void halve();
       static void exchange(auto& archive, auto& self) {
         archive(self.count, self.value, self.darker, self.x, self.darker_darker, self.darker_value,
@@ -172,8 +171,8 @@ class NodeStatistics {
     } exposed;
 
     static void exchange(auto& archive, auto& self) {
-      archive(self.count, self.mean, self.squares, self.x_mean, self.x_squares, self.darker_mean, self.number,
-              self.sum, self.exposed);
+      archive(self.count, self.mean, self.squares, self.x_mean, self.x_squares, self.number, self.sum,
+              self.exposed);
     }
   };
   struct Interval {
