@@ -12,10 +12,7 @@
 namespace fathom::compare {
 namespace {
 
-struct CloseDataset {
-  void operator()(GDALDataset* d) const { GDALClose(d); }
-};
-using Dataset = std::unique_ptr<GDALDataset, CloseDataset>;
+using Dataset = GDALDatasetUniquePtr;
 
 Dataset openQuietly(const std::filesystem::path& path) {
   GDALAllRegister();

@@ -125,7 +125,6 @@ void ChannelModel::pool(int radius) {
 void ChannelModel::solve(int images, double outlier, bool linear) {
   if (linear) statistics_.findBlack();
   statistics_.findOutliers(outlier);
-
   const double nodes_wanted =
       kWantedSamples / (static_cast<double>(images) * NodeStatistics::kSamplesPerImage);
   const int radius =
@@ -275,7 +274,7 @@ void ChannelModel::fitRange(int radius) {
     double sum = 0;
     for (std::size_t n = 0; n < plain_.size(); ++n)
       sum += static_cast<double>(range_[n * RangeBins::kKnown + index(b)].log_mean);
-    trend_[index(b)] = sum / static_cast<double>(plain_.size());
+    trend_[index(b)] = static_cast<float>(sum / static_cast<double>(plain_.size()));
   }
   fitSpread(images, radius);
 }

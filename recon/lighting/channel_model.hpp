@@ -41,8 +41,7 @@ class ChannelModel {
   [[nodiscard]] NodeStatistics& statistics() { return statistics_; }
   [[nodiscard]] const NodeStatistics& statistics() const { return statistics_; }
 
-  //   // Fits all three to the statistics of `images` images; `outlier`: as in
-  //   NodeStatistics::findOutliers();
+  // Fits all three to the statistics of `images` images; `outlier`: as in NodeStatistics::findOutliers();
   // `linear`: samples are, so that a black level can be found.
   void solve(int images, double outlier, bool linear);
 
@@ -52,10 +51,11 @@ class ChannelModel {
   [[nodiscard]] const Level& plain(std::size_t node) const { return plain_[node]; }
   // `position`: of the range, by RangeBins.
   [[nodiscard]] Level atRange(std::size_t node, float position) const;
-  //   // Mean over nodes and ranges of the ground's standard deviation over mean.
+  // Mean over nodes and ranges of the ground's standard deviation over mean.
   [[nodiscard]] float contrast() const { return contrast_; }
-  // Of a class of range: logarithm of the mean over all nodes, and how many images show it.
-  [[nodiscard]] double trend(int bin) const { return trend_[index(bin)]; }
+  // By class of range: logarithm of the mean over all nodes.
+  [[nodiscard]] const std::array<float, RangeBins::kKnown>& trend() const { return trend_; }
+  // Images that show a class of range.
   [[nodiscard]] double seen(int bin) const { return seen_[index(bin)]; }
   [[nodiscard]] const RangeLaw& law() const { return law_; }
   // What a sample is where all the light of a sample `usual` is multiplied by `brightness`.
@@ -99,8 +99,8 @@ class ChannelModel {
   Level whole_;
   RangeLaw law_;
   float contrast_ = 0;
-  Bins trend_{}, seen_{};
-
+  std::array<float, RangeBins::kKnown> trend_{};
+  Bins seen_{};
   std::vector<Level> plain_;                                                    // by node
   std::vector<Level> range_;                                                    // by node, then bin
   std::vector<Cell> cells_;                                                     // by bin, then node

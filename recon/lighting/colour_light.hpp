@@ -104,9 +104,8 @@ class TiltResponse {
 };
 
 // Turns samples into colours: the albedo over the dive's mean albedo, in linear light
-//   //   light = grey (1 + lift ((in - b) / (f (m - b)) - 1))
-
-// // m: mean that ChannelModel expects at the place and range, its light times TiltResponse of the ground; b:
+//   light = grey (1 + lift ((in - b) / (f (m - b)) - 1))
+// m: mean that ChannelModel expects at the place and range, its light times TiltResponse of the ground; b:
 // Pedestal of the channel, above the black level in proportion to the exposure; lift: raises the contrast of
 // a hazy dive; f: FallCorrection. Without these two it is grey (in - b) / (m - b).
 class ColourLight {
@@ -126,10 +125,9 @@ class ColourLight {
   // The factor of samples for a factor of light: in sRGB about its 2.2th root.
   [[nodiscard]] float samplesFor(double light) const;
   [[nodiscard]] float lit(const RangeLattice::Ground& ground) const { return tilt_.at(ground); }
-  //   //   // From a sample to linear light (0 to 1) or, of encoded samples, to levels (0 to 255). `model`:
-  //   the
-  // channel's; `brightness`: of the image's light over the usual; `slope`: of the ground's, by lit();
-  // `fall`: light that comes back from that range over what the model says.
+  // From a sample to linear light (0 to 1) or, of encoded samples, to levels (0 to 255). `model`: the
+  // channel's; `brightness`: of the image's light over the usual; `slope`: of the ground's, by lit(); `fall`:
+  // light that comes back from that range over what the model says.
   [[nodiscard]] Correction correction(std::size_t channel, const ChannelModel& model, const Level& level,
                                       float brightness, float slope, float fall) const;
 

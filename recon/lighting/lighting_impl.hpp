@@ -66,7 +66,7 @@ struct Task {
   Purpose purpose = Purpose::kMatching;
   const RangeLattice* range = nullptr;   // null: unknown
   float brightness = 1;                  // of the image's light over that of the learnt images
-  const FallCorrection* fall = nullptr;  // null: none
+  const FallCorrection* fall = nullptr;  // of colours
 };
 
 // A row of nodes' corrections, by channel.
@@ -98,7 +98,7 @@ struct LightingModel::Impl {
            image.bits == bits && image.stride >= row_bytes && (bits == 8 || image.stride % 2 == 0);
   }
   [[nodiscard]] LightingKind used() const;
-  //   // Light of an image with that exposure over that of the learnt images.
+  // Light of an image with that exposure over that of the learnt images.
   [[nodiscard]] float brightness(double exposure_s) const {
     if (!(exposure_s > 0) || exposure == 0) return 1;
     constexpr double kMostBrighter = 64;  // than another exposure: no camera has a wider range of them

@@ -127,7 +127,7 @@ void LightingModel::Impl::nodeRow(const Task& task, LightingKind kind, int j, No
       if (!channel.known()) {
         out = {(colours && !encoded() ? 1.0F : 255.0F) / static_cast<float>((1 << bits) - 1), 0.0F};
       } else if (colours) {
-        const double off = task.fall != nullptr ? task.fall->at(colourOf(c), range_m, depth_m) : 0;
+        const double off = task.fall->at(colourOf(c), range_m, depth_m);
         const float fall = off != 0 ? colour->samplesFor(std::exp(off)) : 1;
         out = colour->correction(c, channel, level, task.brightness, slope, fall);
       } else {
@@ -262,10 +262,7 @@ void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
 
 double LightingModel::logFall(std::size_t colour, double range) const {
   if (used() != LightingKind::kRangeDependent) return 0;
-  const ChannelModel& channel = impl_->channelOf(colour);
-  std::array<float, RangeBins::kKnown> trend{};
-  for (int b = 0; b < RangeBins::kKnown; ++b) trend[index(b)] = static_cast<float>(channel.trend(b));
-  return static_cast<double>(RangeBins::between(trend, static_cast<float>(range)));
+  return static_cast<double>(RangeBins::between(impl_->channelOf(colour).trend(), static_cast<float>(range)));
 }
 
 double LightingModel::seen(int bin) const {

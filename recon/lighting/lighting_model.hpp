@@ -31,7 +31,7 @@ struct Attenuation {
 };
 struct WaterLaw {
   std::array<Attenuation, 3> colours;  // red, green, blue
-  double share = 1;                    // of the difference to what was learnt that is beyond doubt
+  double share = 0;                    // of the difference to what was learnt that is beyond doubt; 0: none
 
   static void exchange(auto& archive, auto& self) { archive(self.colours, self.share); }
 };
@@ -111,7 +111,7 @@ class LightingModel {
 
   // The same in sRGB, for maps and the eye: each channel's linear light over the dive's mean of it, so that
   // hues stay; the haze of a dive without contrast is lifted (see ColourLight). RGB of 8 bits is taken to be
-  //   // sRGB already, everything else to be linear light.
+  // sRGB already, everything else to be linear light.
   void correctColour(const ImageView& image, const RangeLattice& range, std::uint8_t* out,
                      const ImageLight& light = {}) const;
 
@@ -120,8 +120,7 @@ class LightingModel {
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
                const ImageLight& light = {}) const;
 
-  //   // Natural logarithm of the light that the model which corrects expects from a range [m], less a
-  //   constant; 0
+  // Natural logarithm of the light that the model which corrects expects from a range [m], less a constant; 0
   // of a model that knows no range.
   [[nodiscard]] double logFall(std::size_t colour, double range) const;
   // From what it learnt, in each colour, to that law.

@@ -23,6 +23,11 @@ double quantile(const auto& histogram, double total, double share) {
   return static_cast<double>(histogram.size()) - 1;
 }
 
+int binOf(float range) {
+  const bool known = std::isfinite(range) && range > 0;
+  return known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
+}
+
 }  // namespace
 
 float RangeBins::position(float range) {
@@ -107,8 +112,7 @@ void NodeStatistics::add(const ImageView& image, float saturated, float exposure
     for (int i = 0; i < lattice_.columns; ++i) {
       const std::size_t node = index(j * lattice_.columns + i);
       const float range = ranges[node], darker = 1.0F / (exposure * slope[node]);
-      const bool known = std::isfinite(range) && range > 0;
-      const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
+      const int bin = binOf(range);
       Cell& cell = cells_[node * RangeBins::kAll + index(bin)];
       float n = 0, sum = 0, squares = 0;
       for (const int row : rows) {
@@ -139,7 +143,7 @@ void NodeStatistics::add(const ImageView& image, float saturated, float exposure
       cell.squares +=
           std::max(0.0, static_cast<double>(squares) - mean * sum) + delta * delta * cell.count * share;
       cell.mean += delta * share;
-      if (known) {
+      if (bin != RangeBins::kUnknown) {
         const double x = std::log(static_cast<double>(range)), x_delta = x - cell.x_mean;
         cell.x_squares += x_delta * x_delta * cell.count * share;
         cell.x_mean += x_delta * share;
@@ -156,10 +160,10 @@ void NodeStatistics::add(const ImageView& image, float saturated, float exposure
     means[node] = static_cast<float>(atUsual(mean, image_darker));
     if (!whole) continue;
     const float range = ranges[node];
-    const bool known = std::isfinite(range) && range > 0;
-    const int bin = known ? static_cast<int>(std::lround(RangeBins::position(range))) : RangeBins::kUnknown;
-    cells_[node * RangeBins::kAll + index(bin)].exposed.add(
-        static_cast<float>(mean), static_cast<float>(image_darker), known ? std::log(range) : 0);
+    const int bin = binOf(range);
+    cells_[node * RangeBins::kAll + index(bin)].exposed.add(static_cast<float>(mean),
+                                                            static_cast<float>(image_darker),
+                                                            bin != RangeBins::kUnknown ? std::log(range) : 0);
   }
 }
 

@@ -92,7 +92,7 @@ struct Moments {
   double x_mean = 0, x_variance = 0;  // of the natural logarithm of the range
 };
 
-// // Statistics of one channel's samples: for every node and class of range a histogram of brightness (in
+// Statistics of one channel's samples: for every node and class of range a histogram of brightness (in
 // logarithms) with the sum in each class, and Welford's mean and variance. The histogram gives an interval of
 // inliers, outside which are fish, shadows and glints; moments() are those of the inliers. Memory is fixed.
 //
@@ -103,8 +103,7 @@ class NodeStatistics {
  public:
   NodeStatistics(const Channel& channel, const NodeLattice& lattice);
 
-  //   // Takes up to 16 samples spread over each node's cell, those below `saturated` (of full scale) that
-  //   the
+  // Takes up to 16 samples spread over each node's cell, those below `saturated` (of full scale) that the
   // image's mask does not hide, of an image with `exposure` times the usual exposure and, at each node,
   // `slope` times the light of perpendicular ground. `T`: uint8_t or uint16_t, as the image's bits are;
   // `ranges`: a node's path length [m], not positive: unknown. `means` receives each node's mean in this

@@ -43,10 +43,6 @@ void eachNumber(Dive& d, const Visit& visit) {
   visit("seconds", d.seconds);
 }
 
-const char* nameOf(DiveSeries series) {
-  return kDiveSeries[static_cast<std::size_t>(series)];
-}
-
 Json jsonOf(const DiveResult& d, std::uint64_t seed) {
   Json json = {{"dive", d.plan.dive},
                {"series", nameOf(d.plan.series)},

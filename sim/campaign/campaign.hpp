@@ -54,7 +54,7 @@ inline constexpr double kWorstNees = 22.46;  // 99.9 % of chi-square with 6 degr
                                                           const DiveResult& undisturbed);
 
 // Runs the dives that results.jsonl in `out` does not hold yet, appends each result, and writes
-// // campaign.html. Throws InputError for a folder with other content or another series, and for absent
+// campaign.html. Throws InputError for a folder with other content or another series, and for absent
 // programs or real seafloors.
 std::vector<DiveResult> runCampaign(const CampaignOptions& options);
 

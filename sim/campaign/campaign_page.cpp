@@ -2,6 +2,7 @@
 #include <cmath>
 #include <initializer_list>
 #include <map>
+#include <numeric>
 
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
@@ -77,27 +78,33 @@ std::vector<web::Row> levelRows(const Dives& dives, const Undisturbed& undisturb
   return rows;
 }
 
-// Totals over all dives.
-std::vector<std::string> summaryLines(const Dives& dives) {
-  std::size_t mapped = 0, false_closures = 0;
-  std::vector<double> nees;
-  double nees_sum = 0, inside = 0;
-  for (const DiveResult& d : dives) {
-    mapped += d.topside_map && d.onboard_map ? 1 : 0;
-    false_closures += d.false_closures;
-    if (!std::isfinite(d.nees)) continue;
-    nees.push_back(d.nees);
-    nees_sum += d.nees;
-    inside += d.inside;
+// Totals over dives.
+struct Totals {
+  explicit Totals(const Dives& all) : dives(all.size()) {
+    for (const DiveResult& d : all) {
+      mapped += d.topside_map && d.onboard_map ? 1 : 0;
+      false_closures += d.false_closures;
+      if (!std::isfinite(d.nees)) continue;
+      nees.push_back(d.nees);
+      inside += d.inside;
+    }
   }
-  const auto count = static_cast<double>(nees.size());
-  return {formatted("%zu of %zu have a map on board and topside", mapped, dives.size()),
-          formatted("%zu false closures are kept", false_closures),
-          nees.empty()
+  std::size_t dives, mapped = 0, false_closures = 0;
+  std::vector<double> nees;  // of dives with covariances
+  double inside = 0;         // of these
+};
+
+std::vector<std::string> summaryLines(const Dives& dives) {
+  const Totals all(dives);
+  const auto count = static_cast<double>(all.nees.size());
+  return {formatted("%zu of %zu have a map on board and topside", all.mapped, all.dives),
+          formatted("%zu false closures are kept", all.false_closures),
+          all.nees.empty()
               ? std::string("no poses with covariances")
               : formatted("NEES of a dive's poses (expected: 6): median %.2f, mean %.2f; %.1f %% of poses "
                           "within their own 95 %%",
-                          median(nees), nees_sum / count, 100 * inside / count)};
+                          median(all.nees), std::accumulate(all.nees.begin(), all.nees.end(), 0.0) / count,
+                          100 * all.inside / count)};
 }
 
 // What disturbs a dive: of a combined one, what is beyond the usual level.
@@ -144,20 +151,15 @@ std::vector<double> measured(const Dives& dives, const Value& value) {
 
 // Disturbed dives of all perturbations against the goals.
 std::vector<web::Row> goalRows(const Dives& dives, const Undisturbed& undisturbed) {
-  std::size_t mapped = 0, false_closures = 0, consistent = 0, posed = 0;
-  for (const DiveResult& d : dives) {
-    mapped += d.onboard_map && d.topside_map ? 1 : 0;
-    false_closures += d.false_closures;
-    if (!std::isfinite(d.nees)) continue;
-    ++posed;
-    consistent += d.nees <= kWorstNees ? 1 : 0;
-  }
+  const Totals all(dives);
+  const auto consistent =
+      std::count_if(all.nees.begin(), all.nees.end(), [](double nees) { return nees <= kWorstNees; });
   const auto quantiles = [&](const auto& value, std::initializer_list<double> shares, double times,
                              int digits) {
-    const std::vector<double> all = measured(dives, value);
+    const std::vector<double> sorted = measured(dives, value);
     std::vector<std::string> out;
     for (const double share : shares)
-      out.push_back(all.empty() ? "-" : decimals(times * quantile(all, share), digits));
+      out.push_back(sorted.empty() ? "-" : decimals(times * quantile(sorted, share), digits));
     return joined(out);
   };
   constexpr double kMedian = 0.5, kMost = 0.95, kMm = 1000;
@@ -167,8 +169,8 @@ std::vector<web::Row> goalRows(const Dives& dives, const Undisturbed& undisturbe
   };
   const Requirements wanted = requirementsOf(DiveSeries::kTune);
   return {
-      {"map on board and topside", "all", formatted("%zu of %zu", mapped, dives.size())},
-      {"false closures kept", 0, false_closures},
+      {"map on board and topside", "all", formatted("%zu of %zu", all.mapped, all.dives)},
+      {"false closures kept", 0, all.false_closures},
       {"surface topside, aligned: median, 95 % [mm]", formatted("8, %g", kMm * wanted.surface_m),
        quantiles([](const DiveResult& d) { return d.topside_surface_m; }, {kMedian, kMost}, kMm, 1)},
       {"surface on board, aligned: median, 95 % [mm]", formatted("-, %g", kMm * wanted.onboard_m),
@@ -180,24 +182,28 @@ std::vector<web::Row> goalRows(const Dives& dives, const Undisturbed& undisturbe
        formatted("3, %g", wanted.colour_p95),
        quantiles([](const DiveResult& d) { return d.colour_median; }, {kMedian}, 1, 1) + ", " +
            quantiles([](const DiveResult& d) { return d.colour_p95; }, {kMedian}, 1, 1)},
-      {"NEES of poses within 99.9 % of chi-square", "all", formatted("%zu of %zu", consistent, posed)},
+      {"NEES of poses within 99.9 % of chi-square", "all",
+       formatted("%td of %zu", consistent, all.nees.size())},
   };
 }
 
 // Results whose dependence on the doses is sought.
 struct Cost {
   const char* head;
-  bool relative;  // to the undisturbed dive, as a percentage
+  bool relative;  // to the undisturbed dive, as a ratio
   double DiveResult::*result;
+  double times;  // its unit in `head`
   int digits;
   double worse = 1;  // side that is worse
 };
-constexpr Cost kCosts[] = {{"surface topside %", true, &DiveResult::topside_surface_m, 0},
-                           {"surface on board %", true, &DiveResult::onboard_surface_m, 0},
-                           {"coverage topside points", false, &DiveResult::topside_coverage, 1, -1},
-                           {"coverage on board points", false, &DiveResult::onboard_coverage, 1, -1},
-                           {"NEES %", true, &DiveResult::nees, 0},
-                           {"colours CIEDE2000", false, &DiveResult::colour_median, 2}};
+constexpr double kPercent = 100;
+constexpr Cost kCosts[] = {
+    {"surface topside %", true, &DiveResult::topside_surface_m, kPercent, 0},
+    {"surface on board %", true, &DiveResult::onboard_surface_m, kPercent, 0},
+    {"coverage topside points", false, &DiveResult::topside_coverage, kPercent, 1, -1},
+    {"coverage on board points", false, &DiveResult::onboard_coverage, kPercent, 1, -1},
+    {"NEES %", true, &DiveResult::nees, kPercent, 0},
+    {"colours CIEDE2000", false, &DiveResult::colour_median, 1, 2}};
 
 // A dive's result over its undisturbed dive's: logarithm of the ratio, or difference.
 double costOf(const Cost& cost, const DiveResult& d, const DiveResult& undisturbed) {
@@ -206,9 +212,7 @@ double costOf(const Cost& cost, const DiveResult& d, const DiveResult& undisturb
 }
 
 double shown(const Cost& cost, double effect) {
-  constexpr double kPercent = 100;
-  if (cost.relative) return kPercent * std::expm1(effect);
-  return cost.result == &DiveResult::colour_median ? effect : kPercent * effect;
+  return cost.times * (cost.relative ? std::expm1(effect) : effect);
 }
 
 DoseEffects effectsOn(const Cost& cost, const Dives& dives, const Undisturbed& undisturbed,
@@ -342,7 +346,7 @@ void writeCampaignPage(const CampaignOptions& options, const std::vector<DiveRes
   page.text(formatted(
       "To repeat dive N and keep its mission: fathom-sim campaign --out DIR --series %s --seed %llu "
       "--only N",
-      kDiveSeries[static_cast<std::size_t>(options.series)], static_cast<unsigned long long>(options.seed)));
+      nameOf(options.series), static_cast<unsigned long long>(options.seed)));
   page.table({"dive", single ? "perturbation" : "beyond the usual level", "failed", "surface on board mm",
               "topside mm", "coverage on board %", "topside %", "track on board mm", "topside mm",
               "colours: median", "95 %", "NEES", "within 95 % of their own %", "trouble"},

@@ -15,6 +15,9 @@ namespace fathom::sim {
 // each with a dose of its own; these two share no random number.
 enum class DiveSeries : std::uint8_t { kSingle, kTune, kJudge };
 inline constexpr const char* kDiveSeries[] = {"single", "tune", "judge"};
+[[nodiscard]] constexpr const char* nameOf(DiveSeries series) {
+  return kDiveSeries[static_cast<std::size_t>(series)];
+}
 
 // What a dive is of. kSingle: dives 0 and 1 are undisturbed, 0 with pictures, 1 with features. Else dives 0
 // to kSites - 1 are undisturbed, each at a site of its own, to which the later dives return in turn.

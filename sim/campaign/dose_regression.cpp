@@ -129,9 +129,7 @@ DoseEffects regressDoses(const MatrixXd& doses, const VectorXd& result) {
   const double penalty = bestPenalty(ridge);
   out.effect = ridge.effects(penalty), out.sigma = ridge.sigmas(penalty);
   out.constant = result.mean() - mean * out.effect;
-  const VectorXd left = ridge.residuals(penalty);
-  out.explained = y.squaredNorm() > 0 ? 1 - left.squaredNorm() / y.squaredNorm() : 0;
-  out.pairs = PairProducts(x).worse(left);
+  out.pairs = PairProducts(x).worse(ridge.residuals(penalty));
   return out;
 }
 

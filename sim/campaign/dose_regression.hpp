@@ -16,7 +16,6 @@ struct PairEffect {
 struct DoseEffects {
   double constant = 0;            // result at doses 0
   Eigen::VectorXd effect, sigma;  // of a dose of 1 of each, and its standard deviation
-  double explained = 0;           // share of the result's variance
   // Worse together than 19 of 20 times any pair is in results of another order, the worst first.
   std::vector<PairEffect> pairs;
 };

@@ -11,10 +11,7 @@
 
 namespace fathom::topside {
 
-struct CloseDataset {
-  void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
-};
-using DatasetPtr = std::unique_ptr<GDALDataset, CloseDataset>;
+using DatasetPtr = GDALDatasetUniquePtr;
 
 // GDAL's drivers, and its errors kept for gdalFailed() instead of on stderr, as long as it lives.
 class GdalUse {

@@ -13,11 +13,6 @@
 namespace fathom::topside {
 namespace {
 
-struct CloseDataset {
-  void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
-};
-using DatasetPtr = std::unique_ptr<GDALDataset, CloseDataset>;
-
 [[noreturn]] void refuse(const std::filesystem::path& path) {
   throw std::runtime_error(path.string() + ": " + CPLGetLastErrorMsg());
 }
@@ -30,7 +25,7 @@ ReducedRaster readReduced(const std::filesystem::path& path, int pixels) {
   CPLPushErrorHandler(CPLQuietErrorHandler);  // errors become exceptions
   const std::unique_ptr<void, void (*)(void*)> pop(&once, [](void*) { CPLPopErrorHandler(); });
   CPLErrorReset();
-  const DatasetPtr file(static_cast<GDALDataset*>(GDALOpen(path.c_str(), GA_ReadOnly)));
+  const GDALDatasetUniquePtr file(static_cast<GDALDataset*>(GDALOpen(path.c_str(), GA_ReadOnly)));
   if (!file) refuse(path);
   const int width = file->GetRasterXSize(), height = file->GetRasterYSize();
   std::array<double, 6> transform{};

@@ -67,17 +67,14 @@ ImageView PairImages::right() const {
 }
 
 RgbImage PairImages::colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
-                             double gain, const std::optional<lighting::WaterLaw>& water,
-                             std::size_t camera) {
+                             double gain, const lighting::WaterLaw& water, std::size_t camera) {
   const Camera& eye = input_.camera(camera);
   const io::ImageFile& file = files_[camera];
   RgbImage image{eye.width, eye.height, std::vector<std::uint8_t>(3 * pixelsOf(eye))};
   mosaic_.resize(pixelsOf(eye) * samplesPerPixel(file.view.format));
   const lighting::LightingModel& model = models_.of(camera);
   model.colours(file.view, ranges_[camera].of(plane, points), mosaic_.data(), image.rgb.data(),
-                {.exposure_s = exposures_s_[camera],
-                 .gain = gain,
-                 .fall = water ? model.correctionTo(*water) : lighting::FallCorrection()});
+                {.exposure_s = exposures_s_[camera], .gain = gain, .fall = model.correctionTo(water)});
   if (matrix_ && camera == 0) matrix_->apply(image.rgb);
   if (file.mask) fillHidden(image.rgb.data(), 3, *file.mask);
   return image;

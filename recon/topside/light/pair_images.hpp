@@ -66,7 +66,7 @@ class PairImages {
   // frame. `gain`: how much brighter it is than others of the same ground would be; `water`: by which light
   // falls with range, where that is known better than the lighting model learnt it.
   [[nodiscard]] RgbImage colours(const stereo::SeedPlane& plane, std::span<const Eigen::Vector3f> points,
-                                 double gain = 1, const std::optional<lighting::WaterLaw>& water = {},
+                                 double gain = 1, const lighting::WaterLaw& water = {},
                                  std::size_t camera = 0);
   // What that image shows of the vehicle; null: nothing.
   [[nodiscard]] const std::shared_ptr<const ImageMask>& mask(std::size_t camera) const {
@@ -80,7 +80,6 @@ class PairImages {
   std::vector<CameraRanges> ranges_;  // by camera
   std::vector<io::ImageFile> files_;  // by camera
   std::vector<double> exposures_s_;   // of these
-
   std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, mosaic_;
   std::optional<ColourMatrix> matrix_;
   std::string error_;

@@ -74,7 +74,7 @@ ViewImages::Image ViewImages::read(std::uint32_t view) {
     Mesh mesh;
     if (prepared_.facts()[pair].has_mesh) mesh = prepared_.mesh(pair);
     RgbImage colours =
-        reader->colours(*plane, mesh.vertices, light_.gains[pair], light_.law(), camera.number);
+        reader->colours(*plane, mesh.vertices, light_.gains[pair], light_.water, camera.number);
     image = std::make_shared<const surface::BandImage>(
         surface::makeBands(std::move(colours), camera.bands, reader->mask(camera.number)));
   }

@@ -102,14 +102,13 @@ struct Fall {
 };
 Fall fallOf(const std::vector<CoupleFall>& couples, std::size_t colour,
             const lighting::LightingModel& lighting) {
-  //   // A lamp beside the camera; there and back. Red is taken by water itself, 0.35 of it a metre (Pope &
-  //   Fry
+  // A lamp beside the camera; there and back. Red is taken by water itself, 0.35 of it a metre (Pope & Fry
   // 1997), green and blue by what is in it: Jerlov's waters I to 3C (Solonenko & Mobley 2015).
   constexpr double kPower = -2, kPowerSigma = 0.3, kPerMetreSigma = 0.25;
   constexpr double kPerMetre[3] = {0.7, 0.3, 0.3};
   constexpr double kPlaceSigma = 0.1;  // of a place's ratio, in logarithms
   constexpr double kAlike = 10;        // neighbouring places that err alike, and couples
-  constexpr double kLeastBetween = 0.01, kDeviations = 1.4826;
+  constexpr double kLeastBetween = 0.01;
   constexpr int kRounds = 4;
   const Eigen::Vector2d prior(kPower, kPerMetre[colour]);
   const Eigen::Vector2d certain(1 / (kPowerSigma * kPowerSigma), 1 / (kPerMetreSigma * kPerMetreSigma));
@@ -117,7 +116,7 @@ Fall fallOf(const std::vector<CoupleFall>& couples, std::size_t colour,
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> rests;
     for (const CoupleFall& m : couples) rests.push_back(std::abs(m.y - m.x.dot(fall.law)));
-    const double between = std::max(kLeastBetween, kDeviations * median(rests));
+    const double between = std::max(kLeastBetween, kMadToSigma * median(rests));
     Eigen::Matrix2d normal = certain.asDiagonal();
     Eigen::Vector2d right = certain.cwiseProduct(prior);
     addTrend(colour, lighting, normal, right);
@@ -211,7 +210,6 @@ GroundLight groundLight(const PreparedGroups& prepared, const lighting::Lighting
   std::erase_if(couples, [](const Couple& couple) { return couple.places.empty(); });
   GroundLight light;
   if (const auto water = waterOf(couples, lighting)) {
-    light.water_known = true;
     light.water = *water;
     light.fall = lighting.correctionTo(*water);
   }
@@ -223,7 +221,7 @@ std::optional<lighting::WaterLaw> waterOf(const std::vector<Couple>& couples,
                                           const lighting::LightingModel& lighting) {
   const double usual = lighting.usualRange();
   if (couples.empty() || !(usual > 0)) return std::nullopt;
-  lighting::WaterLaw water;
+  lighting::WaterLaw water{.colours = {}, .share = 1};
   std::array<Fall, 3> falls;
   for (std::size_t c = 0; c < falls.size(); ++c) {
     std::vector<CoupleFall> of_couples;
@@ -263,8 +261,7 @@ std::vector<float> gainsOf(std::size_t pairs, const std::vector<Couple>& couples
   }
   if (sizes.empty()) return std::vector<float>(pairs, 1.0F);
   // Gains spread as much as couples' ratios do beyond what the light model leaves: nothing, mostly.
-  constexpr double kDeviations = 1.4826;  // of a normal's, in its median
-  const double seen = kDeviations * median(sizes);
+  const double seen = kMadToSigma * median(sizes);
   const double spread =
       std::max(kLeastSpread, std::sqrt(std::max(0.0, (seen * seen - kCoupleSigma * kCoupleSigma) / 2)));
   const auto n = static_cast<Eigen::Index>(pairs);

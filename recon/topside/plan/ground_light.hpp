@@ -20,17 +20,11 @@ struct GroundLight {
   // images differ no more than the light model leaves.
   std::vector<float> gains;
   // How light falls with range: ground that two images show from different ranges tells it apart from ground
-  // that is dark by itself. Not known where no two images show the same ground.
-  bool water_known = false;
-  lighting::WaterLaw water{};
+  // that is dark by itself. Its share is 0 where no two images show the same ground.
+  lighting::WaterLaw water;
   lighting::FallCorrection fall;  // to that law, of the left camera's colours
-  [[nodiscard]] std::optional<lighting::WaterLaw> law() const {
-    return water_known ? std::optional(water) : std::nullopt;
-  }
 
-  static void exchange(auto& archive, auto& self) {
-    archive(self.gains, self.water_known, self.water, self.fall);
-  }
+  static void exchange(auto& archive, auto& self) { archive(self.gains, self.water, self.fall); }
 };
 
 // Found by vertices of two meshes at the same place, for neighbours along the track and `joined` couples. Law

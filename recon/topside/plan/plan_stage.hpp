@@ -25,7 +25,7 @@ struct ModelPlan {
 // Poses of the left camera of every pair with a mesh; identity elsewhere.
 [[nodiscard]] std::vector<SE3> cameraPoses(const std::vector<NavigatedPose>& poses, const SE3& T_body_cam);
 
-// // Reads every mesh once, in parallel; the result does not depend on the number of threads. `lighting`: of
+// Reads every mesh once, in parallel; the result does not depend on the number of threads. `lighting`: of
 // the left camera; `region`: only pieces that may meet it; null: all. Throws InputError where there is none.
 [[nodiscard]] ModelPlan planModel(const PreparedGroups& prepared, const lighting::LightingModel& lighting,
                                   const std::vector<SE3>& T_nav_cam,

@@ -60,9 +60,9 @@ class Comparer {
     const std::vector<ImagePair>& pairs = dive_.survey().list.pairs;
     if (!first.readLeft(pairs[a]) || !second.readLeft(pairs[b])) return out;
     const Mesh seen = prepared_.mesh(a);
-    const RgbImage one = first.colours(*planes_[a], seen.vertices, light_.gains[a], light_.law()),
+    const RgbImage one = first.colours(*planes_[a], seen.vertices, light_.gains[a], light_.water),
                    other =
-                       second.colours(*planes_[b], prepared_.mesh(b).vertices, light_.gains[b], light_.law());
+                       second.colours(*planes_[b], prepared_.mesh(b).vertices, light_.gains[b], light_.water);
     const SE3& T_body_cam = dive_.input().mission.T_body_cam;
     const SE3 T_b_a = (*poses_[b].T_nav_body * T_body_cam).inverse() * (*poses_[a].T_nav_body * T_body_cam);
     const Camera& camera = dive_.input().rig.left;

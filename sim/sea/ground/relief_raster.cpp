@@ -6,7 +6,6 @@
 
 #include <array>
 #include <cmath>
-#include <memory>
 #include <opencv2/core.hpp>
 
 #include "realtime/base/input_error.hpp"
@@ -14,15 +13,10 @@
 namespace fathom::sim {
 namespace {
 
-struct CloseDataset {
-  void operator()(GDALDataset* set) const { GDALClose(set); }
-};
-using Dataset = std::unique_ptr<GDALDataset, CloseDataset>;
-
 // A copy in memory of the first band, holes filled.
-Dataset filled(GDALDataset& file) {
+GDALDatasetUniquePtr filled(GDALDataset& file) {
   GDALDriver* memory = GetGDALDriverManager()->GetDriverByName("MEM");
-  Dataset copy(memory->CreateCopy("", &file, 0, nullptr, nullptr, nullptr));
+  GDALDatasetUniquePtr copy(memory->CreateCopy("", &file, 0, nullptr, nullptr, nullptr));
   if (!copy) return copy;
   GDALRasterBand* band = copy->GetRasterBand(1);
   constexpr double kFarthest = 1000;  // [cells]
@@ -36,9 +30,9 @@ Dataset filled(GDALDataset& file) {
 ReliefRaster::ReliefRaster(const std::filesystem::path& file, double cell_m) {
   GDALAllRegister();
   const CPLErrorHandlerPusher quiet(CPLQuietErrorHandler);
-  const Dataset source(GDALDataset::Open(file.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY));
+  const GDALDatasetUniquePtr source(GDALDataset::Open(file.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY));
   if (!source || source->GetRasterCount() < 1) throw InputError(file, "", "is no raster of heights");
-  const Dataset whole = filled(*source);
+  const GDALDatasetUniquePtr whole = filled(*source);
   columns_ = source->GetRasterXSize(), rows_ = source->GetRasterYSize();
   depths_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
   if (!whole || whole->GetRasterBand(1)->RasterIO(GF_Read, 0, 0, columns_, rows_, depths_.data(), columns_,

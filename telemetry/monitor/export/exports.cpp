@@ -93,10 +93,6 @@ void fillPatch(GeoRaster& raster, int row0, int column0, const Surface& surface,
   }
 }
 
-struct CloseDataset {
-  void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
-};
-
 void checkGdal(CPLErr result) {
   if (result != CE_None) throw std::runtime_error(std::string("GDAL: ") + CPLGetLastErrorMsg());
 }
@@ -114,7 +110,7 @@ std::string tiff(const GeoRaster& raster, int bands, GDALDataType type, const ch
   options.AddString((std::string("PREDICTOR=") + predictor).c_str());
   GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GTiff");
   if (driver == nullptr) throw std::runtime_error("this GDAL writes no GeoTIFF");
-  std::unique_ptr<GDALDataset, CloseDataset> dataset(
+  GDALDatasetUniquePtr dataset(
       driver->Create(name.c_str(), raster.width, raster.height, bands, type, options.List()));
   if (!dataset) throw std::runtime_error(std::string("GDAL: ") + CPLGetLastErrorMsg());
   OGRSpatialReference reference;
