@@ -49,8 +49,8 @@ bool LightingModel::Impl::unlit(const ImageView& image, float exposed) const {
     for (int i = 0; i < lattice.columns; ++i) {
       const auto n = static_cast<std::size_t>(j * lattice.columns + i);
       // A sample of the first channel: of a mosaic, at even rows and columns.
-      const auto x = static_cast<std::size_t>(lattice.u(i)) / 2 * 2,
-                 y = static_cast<std::size_t>(lattice.v(j)) / 2 * 2;
+      const auto x = static_cast<std::size_t>(lattice.u(i) * static_cast<float>(width)) / 2 * 2,
+                 y = static_cast<std::size_t>(lattice.v(j) * static_cast<float>(height)) / 2 * 2;
       const T* line = static_cast<const T*>(image.data) + y * (image.stride / sizeof(T));
       const float measured =
           static_cast<float>(line[x * static_cast<std::size_t>(format == PixelFormat::kRgb ? 3 : 1)]);

@@ -36,6 +36,7 @@ void eachNumber(Dive& d, const Visit& visit) {
   visit("topside_coverage", d.topside_coverage);
   visit("onboard_track_m", d.onboard_track_m);
   visit("topside_track_m", d.topside_track_m);
+  visit("topside_surface_squares", d.topside_surface_squares);
   visit("colour_median", d.colour_median);
   visit("colour_p95", d.colour_p95);
   visit("nees", d.nees);
@@ -93,6 +94,7 @@ void score(const std::filesystem::path& mission, DiveResult& d) {
     if (product == "mesh.ply") d.colour_median = colours.median, d.colour_p95 = colours.p95;
   if (report.topside_surface) {
     d.topside_surface_m = report.topside_surface->aligned_rms_m;
+    d.topside_surface_squares = report.topside_surface->squared_over_variance.value_or(NAN);
     d.topside_coverage = report.topside_surface->coverage;
   }
 }

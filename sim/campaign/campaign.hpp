@@ -32,7 +32,9 @@ struct DiveResult {
   double onboard_surface_m = NAN, topside_surface_m = NAN;  // aligned, rms
   double onboard_coverage = NAN, topside_coverage = NAN;
   double onboard_track_m = NAN, topside_track_m = NAN;  // aligned, rms
-  double colour_median = NAN, colour_p95 = NAN;         // of topside's mesh (CIEDE2000)
+  double topside_surface_squares =
+      NAN;  // mean of squared errors in nav over the variance that the map claims
+  double colour_median = NAN, colour_p95 = NAN;  // of topside's mesh (CIEDE2000)
   double nees = NAN, inside = NAN;  // of topside's poses: mean of 6, and share below chi-square's 95 %
   std::size_t false_closures = 0;   // kept in topside's solution
   std::string trouble;              // last output line of each failed program

@@ -168,6 +168,8 @@ std::vector<web::Row> goalRows(const Dives& dives, const Undisturbed& undisturbe
                      {1 - kMost}, 1, 2);
   };
   const Requirements wanted = requirementsOf(DiveSeries::kTune);
+  const std::vector<double> claims =
+      measured(dives, [](const DiveResult& d) { return d.topside_surface_squares; });
   return {
       {"map on board and topside", "all", formatted("%zu of %zu", all.mapped, all.dives)},
       {"false closures kept", 0, all.false_closures},
@@ -182,6 +184,12 @@ std::vector<web::Row> goalRows(const Dives& dives, const Undisturbed& undisturbe
        formatted("3, %g", wanted.colour_p95),
        quantiles([](const DiveResult& d) { return d.colour_median; }, {kMedian}, 1, 1) + ", " +
            quantiles([](const DiveResult& d) { return d.colour_p95; }, {kMedian}, 1, 1)},
+      {"surface topside, rms of error in nav over claimed sigma: all, median", "0.77 to 1.3",
+       claims.empty() ? std::string("-")
+                      : decimals(std::sqrt(std::accumulate(claims.begin(), claims.end(), 0.0) /
+                                           static_cast<double>(claims.size())),
+                                 2) +
+                            ", " + decimals(std::sqrt(median(claims)), 2)},
       {"NEES of poses within 99.9 % of chi-square", "all",
        formatted("%td of %zu", consistent, all.nees.size())},
   };

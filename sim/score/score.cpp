@@ -161,6 +161,7 @@ nlohmann::ordered_json toJson(const std::optional<SurfaceScore>& score) {
   json["p95_m"] = score->p95_m;
   json["p99_m"] = score->p99_m;
   json["bias_m"] = score->bias_m;
+  json["squared_over_variance"] = orNull(score->squared_over_variance);
   json["aligned_bias_m"] = score->aligned_bias_m;
   json["aligned_p95_m"] = score->aligned_p95_m;
   json["alignment"] = toJson(score->alignment);
@@ -191,9 +192,14 @@ void trajectoryRow(std::string& out, const char* name, const std::optional<Traje
 }
 
 void surfaceRow(std::string& out, const char* name, const std::optional<SurfaceScore>& s) {
-  out += s ? formatted("  %-10s %9.4f %12.4f %9.4f %9.4f %9.4f %9.4f %9.1f%%\n", name, s->rms_m,
-                       s->aligned_rms_m, s->p50_m, s->p95_m, s->p99_m, s->bias_m, 100.0 * s->coverage)
-           : formatted("  %-10s %9s %12s %9s %9s %9s %9s %10s\n", name, "-", "-", "-", "-", "-", "-", "-");
+  const auto over_sigma = [&] {
+    return s->squared_over_variance ? decimals(std::sqrt(*s->squared_over_variance), 2) : std::string("-");
+  };
+  out += s ? formatted("  %-10s %9.4f %12.4f %9.4f %9.4f %9.4f %9.4f %9.1f%% %11s\n", name, s->rms_m,
+                       s->aligned_rms_m, s->p50_m, s->p95_m, s->p99_m, s->bias_m, 100.0 * s->coverage,
+                       over_sigma().c_str())
+           : formatted("  %-10s %9s %12s %9s %9s %9s %9s %10s %11s\n", name, "-", "-", "-", "-", "-", "-",
+                       "-", "-");
 }
 
 }  // namespace
@@ -233,7 +239,8 @@ std::string scoreTable(const ScoreReport& report) {
   trajectoryRow(out, "dead reckoning", report.dead_reckoning);
   trajectoryRow(out, "onboard", report.onboard);
   trajectoryRow(out, "topside", report.topside);
-  out += "surface [m]        rms      aligned       p50       p95       p99      bias   coverage\n";
+  out +=
+      "surface [m]        rms      aligned       p50       p95       p99      bias   coverage  over sigma\n";
   surfaceRow(out, "onboard", report.onboard_surface);
   surfaceRow(out, "topside", report.topside_surface);
   for (const auto& [name, score] : report.surfaces) surfaceRow(out, name.c_str(), score);

@@ -28,6 +28,8 @@ struct TrajectoryScore {
 struct SurfaceScore {
   double rms_m = 0, p50_m = 0, p95_m = 0, p99_m = 0;  // in nav
   double bias_m = 0;  // mean signed distance: positive where the estimate is above the truth
+  // Mean of the squared distance in nav over the estimate's own variance there; absent without sigmas.
+  std::optional<double> squared_over_variance;
   // After the best rigid motion of the whole (point-to-plane ICP): T_truth_estimate.
   SE3 alignment;
   double aligned_rms_m = 0, aligned_bias_m = 0, aligned_p95_m = 0;

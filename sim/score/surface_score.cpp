@@ -42,6 +42,21 @@ double meanOf(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
+// Mean of squared distances over the mesh's variances at the points of forSurface().
+std::optional<double> overVariance(const Mesh& mesh, const std::vector<double>& distances) {
+  if (mesh.sigma.empty()) return std::nullopt;
+  constexpr double kLeastSigma = 1e-4;  // as the mesh's file resolves it [m]
+  double sum = 0;
+  std::size_t at = 0;
+  forSurface(mesh, distances.size(), [&](const auto& t, double u, double v, const auto&) {
+    const auto sigma = [&](int k) { return static_cast<double>(mesh.sigma[t[static_cast<std::size_t>(k)]]); };
+    const double here = (1 - u - v) * sigma(0) + u * sigma(1) + v * sigma(2);
+    const double ratio = distances[at++] / std::max(here, kLeastSigma);
+    sum += ratio * ratio;
+  });
+  return sum / static_cast<double>(distances.size());
+}
+
 void sortMagnitudes(std::vector<double>& values) {
   for (double& v : values) v = std::abs(v);
   std::sort(values.begin(), values.end());
@@ -155,6 +170,7 @@ SurfaceScore scoreSurface(const Mesh& estimate, const TruthSurface& truth, const
   std::vector<double> distances = signedDistances(points, truth, SE3());
   score.rms_m = rootMeanSquare(distances);
   score.bias_m = meanOf(distances);
+  score.squared_over_variance = overVariance(estimate, distances);
   sortMagnitudes(distances);
   score.p50_m = quantile(distances, 0.50);
   score.p95_m = quantile(distances, 0.95);

@@ -170,6 +170,17 @@ TEST_F(ScoreTest, ASurfaceAboveTheTruthHasAPositiveBias) {
   EXPECT_NEAR(scoreMission(root()).onboard_surface->bias_m, -0.048, 0.003);
 }
 
+// Five centimetres off where the mesh claims two and a half on one half and five on the other.
+TEST_F(ScoreTest, ErrorsAreHeldAgainstTheUncertaintyThatTheSurfaceClaims) {
+  const SE3 up(Eigen::Quaterniond::Identity(), {0, 0, -0.05});
+  writeSurface("onboard", "map.ply", up);
+  EXPECT_FALSE(scoreMission(root()).onboard_surface->squared_over_variance);
+  Mesh mesh = readPly(root() / "onboard" / "map.ply");
+  for (const Eigen::Vector3f& p : mesh.vertices) mesh.sigma.push_back(p.x() < 0 ? 0.024F : 0.048F);
+  writePly(root() / "onboard" / "map.ply", mesh);
+  EXPECT_NEAR(scoreMission(root()).onboard_surface->squared_over_variance.value(), (4 + 1) / 2.0, 0.4);
+}
+
 TEST_F(ScoreTest, DriftBetweenPassesIsTheCrossoverError) {
   // The second pass is 0.4 m off against the first.
   writePoses("onboard", SE3(), [](int i) { return Eigen::Vector3d(0, i > 40 ? 0.4 : 0.0, 0); });

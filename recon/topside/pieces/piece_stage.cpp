@@ -25,7 +25,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 10;
+constexpr std::uint32_t kPieceVersion = 11;
 
 // Seconds of several threads by step.
 class SharedCosts {
@@ -182,6 +182,7 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   for (const std::uint32_t pair : piece.meshes) {
     hasher.add(in.prepared->meshDigest(pair));
     addPose(hasher, (*in.T_nav_cam)[pair]);
+    in.doubt->addKey(hasher, pair);
     hasher.add(in.light->gains[pair]);
     if (!textured) continue;
     hasher.add(image_identities[pair]);
@@ -213,7 +214,9 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
   for (const TileMesh& tile : raw) {
     if (!piece.core.contains(tile.tile)) continue;
     TileMesh kept = in.input->region ? in.input->region->inside(tile) : tile;
-    if (!kept.mesh.empty()) core.push_back(std::move(kept));
+    if (kept.mesh.empty()) continue;
+    in.doubt->addTo(kept.mesh, piece.meshes, *in.T_nav_cam, *in.footprints);
+    core.push_back(std::move(kept));
   }
 
   TileMaker maker(in, piece, raw);
