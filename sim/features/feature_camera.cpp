@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "sim/features/landmarks.hpp"
+#include "sim/features/match_errors.hpp"
 #include "sim/scenario/random.hpp"
 #include "sim/sea/ground/noise.hpp"
 #include "sim/sea/ground/surface_scene.hpp"
@@ -24,12 +25,12 @@ constexpr float kFarthest = 100.0F;      // of a ray [m]
 constexpr float kStart = 100.0F;         // above the terrain, of a ray that falls [m]
 constexpr double kHidden = 0.01;         // a landmark this much behind what is seen is hidden [m]
 constexpr int kProbes = 7;               // a side, of the rays that find the area seen
-constexpr int kFieldCells = 8;           // across the image, of the smooth part of the place noise
+constexpr int kFieldCells = 2;           // across the image, of the smooth part of the place noise
 constexpr double kDescriptorTail = 0.6;  // of the logarithm of the descriptor's noise, standard deviation
-constexpr double kDisplaced = 5;         // place error of a displaced detection, in usual standard deviations
 constexpr double kMaxDescriptorNoise = 1.9;
-constexpr int kShared = 6;                // errors that all features share
-constexpr float kNoiseStep = 1.0F / 128;  // of the descriptor's noise
+constexpr std::uint64_t kMatchStream = 0x6d61746368;  // of random numbers
+constexpr int kShared = 6;                            // errors that all features share
+constexpr float kNoiseStep = 1.0F / 128;              // of the descriptor's noise
 
 // Normal deviates that are a function of a seed and a key.
 class NormalDeviates {
@@ -157,6 +158,7 @@ struct FeatureCamera::Impl {
         rig(r),
         T_body_cam(body_cam),
         light(optics, body_cam, t.config().detail_contrast),
+        errors(c.match_errors.empty() ? MatchErrors::shipped() : c.match_errors),
         smallest_px(c.smallest_size * r.left.width),
         landmarks(t.config(), c, static_cast<double>(r.left.width) * r.left.height, smallest_px) {
     Random random(seed, "shared-feature-errors");
@@ -182,6 +184,7 @@ struct FeatureCamera::Impl {
   StereoRig rig;
   SE3 T_body_cam;
   FeatureLight light;
+  MatchErrors errors;
   double smallest_px;
   Landmarks landmarks;
   double shared[kShared];  // in their standard deviations
@@ -286,21 +289,28 @@ void FeatureCamera::Impl::observeLandmark(const Landmark& landmark, const SE3& T
 
   // Errors common to both pixels, as tangents (equations: closure::SharedErrors).
   const Eigen::Vector2d n = in_left.head<2>() / in_left.z();
-  const double place_sigma = config.place_sigma * rig.left.width + config.place_sigma_per_size * size_px;
-  const double cell_px = static_cast<double>(rig.left.width) / kFieldCells;
-  const double spread = random.uniform() < config.displaced_probability ? kDisplaced : 1.0;
-  const Eigen::Vector2d own = spread * random.both();
-  const Eigen::Vector2d place =
-      place_sigma * wider *
-      (std::sqrt(1 - config.place_shared_variance) * own +
-       std::sqrt(config.place_shared_variance) * smoothField(hash64(view_seed, 2), *left, cell_px));
+  const double width = rig.left.width;
+  const double place_sigma = errors.statedPlace(size_px / width) * width * wider;
+  const Eigen::Vector2d normal_place =
+      std::sqrt(1 - config.place_shared_variance) * random.both() +
+      std::sqrt(config.place_shared_variance) * smoothField(hash64(view_seed, 2), *left, width / kFieldCells);
+  // Of normal deviates the length is below r with probability 1 - exp(-r^2 / 2): the table's length there.
+  const Eigen::Vector2d place = place_sigma *
+                                errors.placeRatio(1 - std::exp(-normal_place.squaredNorm() / 2)) *
+                                normal_place.normalized();
   const Eigen::Vector2d drawn =
       config.shared_place * Eigen::Vector2d(shared[0], shared[1]) + config.shared_place_slope * shared[2] * n;
   const double disparity = config.shared_disparity_px * shared[3] +
                            config.shared_disparity_slope_px * (shared[4] * n.x() + shared[5] * n.y());
-  const double match_sigma = config.match_sigma_px * wider;
-  Eigen::Vector2d match = match_sigma * random.both();
-  if (random.uniform() < config.gross_probability) match.x() += config.gross_px * (2 * random.uniform() - 1);
+  // Some places match worse than others in every view.
+  const double match_sigma =
+      errors.statedMatch_px(GroundRandom(kMatchStream, landmark.key).uniform()) * wider;
+  const auto match_error = [&] {
+    const double u = 2 * random.uniform() - 1;
+    return std::copysign(match_sigma * errors.matchRatio(std::abs(u)), u);
+  };
+  const double along = match_error();
+  const Eigen::Vector2d match(along, match_error());
   const Eigen::Vector2d left_px = *left + place + rig.left.pixelJacobian(n) * drawn;
   const Eigen::Vector2d right_px = *right + place +
                                    rig.right.pixelJacobian(in_right.head<2>() / in_right.z()) * drawn +
@@ -311,7 +321,7 @@ void FeatureCamera::Impl::observeLandmark(const Landmark& landmark, const SE3& T
   f.left = left_px.cast<float>();
   f.right = right_px.cast<float>();
   f.size = static_cast<float>(size_px);
-  f.place_sigma = static_cast<float>(place_sigma * wider);
+  f.place_sigma = static_cast<float>(place_sigma);
   f.match_sigma = static_cast<float>(match_sigma);
   for (std::size_t k = 0; k < 3; ++k) f.colour[k] = srgbFromLinear(surface.albedo[k]);
   const auto noise = static_cast<float>(

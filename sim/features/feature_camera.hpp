@@ -26,7 +26,7 @@ namespace fathom::sim {
 class FeatureCamera {
  public:
   // `terrain` must outlive the camera. `seed`: of the dive. Throws std::invalid_argument for optics that
-  // light nothing.
+  // light nothing, InputError for a file of match errors that is none.
   FeatureCamera(const SeaTerrain& terrain, const SimulatedFeatureConfig& config, const OpticsConfig& optics,
                 const StereoRig& rig, const SE3& T_body_cam, std::uint64_t seed);
   ~FeatureCamera();

@@ -292,7 +292,10 @@ void observeAll(const SeaTerrain& terrain, const Scenario& scenario, const Stere
                 const std::filesystem::path& folder, const MissionMakerOptions& options) {
   std::filesystem::create_directories(folder);
   const auto seed = static_cast<std::uint64_t>(scenario.seed);
-  const FeatureCamera camera(terrain, scenario.features, scenario.optics, rig, scenario.T_body_cam(), seed);
+  SimulatedFeatureConfig features = scenario.features;
+  if (!features.match_errors.empty())
+    features.match_errors = scenario.file.parent_path() / features.match_errors;
+  const FeatureCamera camera(terrain, features, scenario.optics, rig, scenario.T_body_cam(), seed);
   forEachPair(exposures.size(), options.progress, [&](std::size_t i) {
     const Exposure& e = exposures[i];
     const std::string name = io::imageFileName(e.left_stamp_ns, CameraSide::kLeft);

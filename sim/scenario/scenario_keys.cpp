@@ -302,17 +302,10 @@ void visitFeatures(KeyVisitor& keys, SimulatedFeatureConfig& f) {
   keys.number("most_detection", f.most_detection, "1", 0, 1, "and this");
   keys.number("half_contrast", f.half_contrast, "1", 0, 100,
               "ratio of contrast to pixel noise that halves the detections");
-  keys.number("place_sigma", f.place_sigma, "1", 1e-5, 0.01,
-              "of a landmark's place from view to view, over the image's width");
-  keys.number("place_sigma_per_size", f.place_sigma_per_size, "1", 0, 1, "added, over the feature's size");
+  visitPath(keys, "match_errors", f.match_errors,
+            "CSV of match errors beside the scenario; empty: the shipped one, of rendered dives");
   keys.number("place_shared_variance", f.place_shared_variance, "1", 0, 1,
-              "part of that variance which neighbours in an image share");
-  keys.number("slip_probability", f.displaced_probability, "1", 0, 1,
-              "of a displaced detection: five times the place error");
-  keys.number("match_sigma_px", f.match_sigma_px, "px", 0.002, 0.4,
-              "of the right pixel against the left one");
-  keys.number("gross_probability", f.gross_probability, "1", 0, 1, "of a wrong match on the epipolar line");
-  keys.number("gross_px", f.gross_px, "px", 0, 500, "largest error of such a match");
+              "part of the place error's variance which neighbours in an image share");
   keys.number("descriptor_noise", f.descriptor_noise, "1", 0, 1.9,
               "median in a view, over the descriptor's standard deviation");
   keys.number("shared_place", f.shared_place, "1", 0, 0.01,

@@ -50,6 +50,22 @@ TEST(Architecture, NoFileIncludesItselfInTheEnd) {
   EXPECT_THAT(findCycles(readIncludes(kRoot, relative)), IsEmpty());
 }
 
+// What makes a mission knows nothing of what has to find it again, not even its constants: cameras, poses and
+// meshes are common, and a chessboard's size.
+TEST(Architecture, TheSimulatedDiveKnowsNothingOfTheEstimator) {
+  const std::set<std::string_view> estimate = {"sim/score", "sim/campaign", "sim/hil", "sim/link"};
+  const std::regex common("recon/geometry/.*|recon/calibration/chessboard.hpp");
+  Violations relative;
+  std::size_t seen = 0;
+  for (const auto& [from, to] : readIncludes(kRoot, relative)) {
+    if (!from.starts_with("sim/") || !to.starts_with("recon/")) continue;
+    if (estimate.contains(std::string_view(from).substr(0, from.find('/', 4)))) continue;
+    ++seen;
+    EXPECT_TRUE(std::regex_match(to, common)) << from << " includes " << to;
+  }
+  EXPECT_GT(seen, 30U);
+}
+
 TEST(Architecture, NoTargetLinksOneThatItsLayerForbids) {
   const auto targets = readTargets(FATHOM_TARGETS_FILE);
   EXPECT_THAT(checkTargets(layers(), targets), IsEmpty());

@@ -7,9 +7,10 @@ int main(int argc, char** argv) {
   using namespace fathom;
   using namespace fathom::bench;
   CommandLine app("Measures Fathom as a whole: a table on stdout, and pages where --out names a folder");
-  for (const auto add : {stereoReport, closureReport, colmapReport, fusionReport, slamReport, hostileReport,
-                         linkReport, realtimeReport, enduranceReport, recorderReport, uml::powerCutReport,
-                         test::killReport, test::killedDive, restartReport, camerasReport})
+  for (const auto add :
+       {stereoReport, closureReport, matchErrorReport, colmapReport, fusionReport, slamReport, hostileReport,
+        linkReport, realtimeReport, enduranceReport, recorderReport, uml::powerCutReport, test::killReport,
+        test::killedDive, restartReport, camerasReport})
     add(app);
   return app.run("fathom-report", argc, argv);
 }

@@ -12,6 +12,7 @@ void enduranceReport(CommandLine& program);
 void fusionReport(CommandLine& program);
 void hostileReport(CommandLine& program);
 void linkReport(CommandLine& program);
+void matchErrorReport(CommandLine& program);
 void realtimeReport(CommandLine& program);
 void recorderReport(CommandLine& program);
 void restartReport(CommandLine& program);

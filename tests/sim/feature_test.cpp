@@ -1,19 +1,27 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <map>
 #include <set>
 
+#include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/closure/registration.hpp"
 #include "recon/stereo/given_stereo.hpp"
 #include "sim/features/feature_camera.hpp"
+#include "sim/features/match_errors.hpp"
 #include "sim/scenario/scenario.hpp"
+#include "tests/support/test_data.hpp"
 
 namespace fathom::sim {
 namespace {
+
+using testing::HasSubstr;
 
 TerrainConfig rollingSand() {
   TerrainConfig t;
@@ -33,10 +41,30 @@ TerrainConfig repetitiveSand() {
   return t;
 }
 
+constexpr const char* kHeader = "share,place_ratio,match_ratio,stated_match_px,size,stated_place\n";
+
+// Errors that are normal, and as large as features state.
+std::filesystem::path normalErrors() {
+  static const test::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "normal.csv";
+  std::ofstream stream(file);
+  stream << kHeader;
+  constexpr int kRows = 400;
+  double ratio = 0;  // quantile of a normal deviate's magnitude, by Newton's steps from the last one
+  for (int k = 0; k <= kRows; ++k) {
+    const double share = static_cast<double>(k) / kRows, inside = std::min(share, 1 - 1e-5);
+    for (int step = 0; step < 20; ++step)
+      ratio += (inside - std::erf(ratio * M_SQRT1_2)) * std::sqrt(M_PI_2) * std::exp(ratio * ratio / 2) * 0.8;
+    stream << share << ',' << std::sqrt(-2 * std::log(1 - inside)) << ',' << ratio << ",0.05," << 0.05 * share
+           << ',' << 0.00035 + 0.001 * share << '\n';
+  }
+  return file;
+}
+
 // Nothing but the noise that every feature has by itself.
 SimulatedFeatureConfig plainNoise() {
   SimulatedFeatureConfig f;
-  f.gross_probability = f.displaced_probability = 0;
+  f.match_errors = normalErrors();
   f.place_shared_variance = 0;
   f.shared_place = f.shared_place_slope = f.shared_disparity_px = f.shared_disparity_slope_px = 0;
   return f;
@@ -166,27 +194,63 @@ TEST(FeatureCamera, NeitherCameraLooksThroughACoralHead) {
     }
 }
 
-TEST(FeatureCamera, GrossOutliersComeAsOftenAsAskedFor) {
-  SimulatedFeatureConfig config = plainNoise();
-  config.gross_probability = 0.1;
+// As many are so far off, by what they state, as the shipped table of rendered dives has it.
+TEST(FeatureCamera, ErrorsAreSpreadAsThoseOfRenderedDives) {
+  SimulatedFeatureConfig config;
+  config.shared_place = config.shared_place_slope = 0;
+  config.shared_disparity_px = config.shared_disparity_slope_px = 0;
   const SyntheticSea sea(rollingSand(), config);
-  const SE3 pose = overhead(0, 0, 9.8);
-  const auto seen = sea.camera.observe(pose, 1);
-  const SE3 T_cam_nav = sea.camPose(pose).inverse();
   const StereoRig& rig = sea.scenario.rig;
-  double gross = 0;
-  for (std::size_t i = 0; i < seen.points.size(); ++i) {
-    const Eigen::Vector3d p = T_cam_nav * seen.points[i];
-    const StereoFeature& f = seen.frame.features[i];
-    const double d = static_cast<double>(f.left.x() - f.right.x()) -
-                     (rig.left.project(p).x() - rig.right.project(rig.T_right_left * p).x());
-    if (std::abs(d) > 1) ++gross;
+  std::vector<double> place, match;
+  for (std::uint64_t view = 0; view < 20; ++view) {
+    const SE3 pose = overhead(0.2 * static_cast<double>(view) - 2, 0, 9.8);
+    const auto seen = sea.camera.observe(pose, view);
+    const SE3 T_cam_nav = sea.camPose(pose).inverse();
+    for (std::size_t i = 0; i < seen.points.size(); ++i) {
+      const StereoFeature& f = seen.frame.features[i];
+      const Eigen::Vector3d p = T_cam_nav * seen.points[i];
+      const Eigen::Vector2d left = f.left.cast<double>() - rig.left.project(p),
+                            right = f.right.cast<double>() - rig.right.project(rig.T_right_left * p);
+      place.push_back(left.norm() / static_cast<double>(f.place_sigma));
+      match.push_back(std::abs((right - left).x()) / static_cast<double>(f.match_sigma));
+    }
   }
-  EXPECT_NEAR(gross / static_cast<double>(seen.points.size()), 0.1, 0.04);
+  std::sort(place.begin(), place.end());
+  std::sort(match.begin(), match.end());
+  const MatchErrors table(MatchErrors::shipped());
+  for (const double share : {0.3, 0.5, 0.8, 0.95, 0.98}) {
+    EXPECT_NEAR(quantile(place, share) / table.placeRatio(share), 1, 0.1) << share;
+    EXPECT_NEAR(quantile(match, share) / table.matchRatio(share), 1, 0.1) << share;
+  }
+  EXPECT_GT(table.matchRatio(0.99) / table.matchRatio(0.5), 4) << "of normal errors it is 3.8";
+}
+
+TEST(MatchErrors, OfADamagedFileAreRefusedWithTheLine) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "errors.csv";
+  const auto refused = [&](const std::string& text) -> std::string {
+    std::ofstream(file) << text;
+    try {
+      static_cast<void>(MatchErrors(file));
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const std::string header = kHeader, good = "0,0,0,0,0.01,1e-4\n1,5,9,0.2,0.05,2e-4\n";
+  EXPECT_EQ(refused(header + good), "");
+  EXPECT_THAT(refused("share\n" + good), HasSubstr("line 1"));
+  EXPECT_THAT(refused(header + good + "1,4,9,0.2,0.05,2e-4\n"), HasSubstr("line 4: is below the row before"));
+  EXPECT_THAT(refused(header + "0,0,0,0,0.01\n" + good), HasSubstr("line 2: write six numbers"));
+  EXPECT_THAT(refused(header + "0,0,0,-1,0.01,nan\n" + good), HasSubstr("line 2: write six numbers"));
+  EXPECT_THAT(refused(header + "0,0,0,0,0.01,1e-4,7\n" + good), HasSubstr("more than six"));
+  EXPECT_THAT(refused(header + "0,0,0,0,0.01,1e-4\n"), HasSubstr("from 0 to 1"));
+  std::filesystem::remove(file);
+  EXPECT_THROW(static_cast<void>(MatchErrors(file)), InputError);
 }
 
 TEST(FeatureDescriptors, TheSameLandmarkSeenFromTwoPosesMatches) {
-  const SyntheticSea sea(rollingSand());
+  const SyntheticSea sea(rollingSand(), plainNoise());
   const SE3 pose_a = overhead(0, 0, 9.8), pose_b = overhead(0.4, 0.2, 9.6, 2.2);
   const auto a = sea.camera.observe(pose_a, 1), b = sea.camera.observe(pose_b, 2);
   const auto fa = closure::featuresFrom(a.frame, sea.scenario.rig),
@@ -289,7 +353,7 @@ TEST(RepetitiveGround, ATruePlaceIsFoundThoughHalfOfItsLandmarksRepeat) {
   const auto& r = registrar.process(sea.features(a, 1), sea.features(b, 2), std::nullopt);
   ASSERT_TRUE(r.accepted()) << closure::nameOf(r.refusal);
   const SE3 error = r.T_a_b.inverse() * (sea.camPose(a).inverse() * sea.camPose(b));
-  EXPECT_LT(error.translation().norm(), 0.02);
+  EXPECT_LT(error.translation().norm(), 0.05);
 }
 
 TEST(GivenStereo, TheMeshOfAFrameIsOnTheTrueSeafloorInItsColours) {
