@@ -136,6 +136,8 @@ void fillRecord(RunRecord& record, Dive& dive, const StageStore& store, const As
   record.lighting_unreadable = lighting.unreadable;
   record.rig = dive.rigFinding();
   record.overlap = overlapColours(dive);
+  record.water = dive.plan().light.water;
+  record.by_chart = dive.input().colours.has_value();
   for (const WorkFile& file : dive.pieceFiles()) {
     const PieceFacts facts = readPieceFacts(file);
     record.fusion.triangles += facts.fusion.triangles;

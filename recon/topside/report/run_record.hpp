@@ -44,6 +44,8 @@ struct RunRecord {
   RigFinding rig;
   lighting::LightingModel::Report left_lighting, right_lighting;
   OverlapColours overlap;
+  lighting::WaterLaw water;  // see GroundLight
+  bool by_chart = false;     // colours have a chart's matrix
   std::size_t pieces = 0;
   std::vector<LevelSummary> levels;
   std::vector<LayerInfo> layers;

@@ -30,15 +30,19 @@ Json configJson(TopsideConfig config) {
   return out;
 }
 
+// By colour, laws of how light falls with range.
+Fields lawFields(const std::array<lighting::Attenuation, 3>& law) {
+  Fields out;
+  constexpr std::array<const char*, 3> kColours = {"red", "green", "blue"};
+  for (std::size_t k = 0; k < kColours.size(); ++k)
+    out.emplace_back(kColours[k], Fields{{"range_power", law[k].power}, {"per_metre", law[k].per_metre}});
+  return out;
+}
+
 Fields lightingFields(const lighting::LightingModel::Report& l) {
   const auto error = [](const char* key, double value, const char* title) {  // null: never tried
     return value < 0 ? ReportField(key, nullptr, title, "-") : ReportField(key, value, title, 1, 100);
   };
-  Fields attenuation;
-  constexpr std::array<const char*, 3> kColours = {"red", "green", "blue"};
-  for (std::size_t k = 0; k < kColours.size(); ++k)
-    attenuation.emplace_back(kColours[k], Fields{{"range_power", l.attenuation[k].power},
-                                                 {"per_metre", l.attenuation[k].per_metre}});
   return {{"model", lighting::nameOf(l.used), "model used"},
           {"foretelling_error", Fields{error("whole_image", l.error_whole, "error: whole image [%]"),
                                        error("plain", l.error_plain, "plain [%]"),
@@ -47,7 +51,7 @@ Fields lightingFields(const lighting::LightingModel::Report& l) {
           {"saturated_share", l.saturated_share},
           {"black_level", l.black},
           {"tilt", Fields{{"strength", l.tilt}, {"lamp_x_m", l.lamp.x()}, {"lamp_y_m", l.lamp.y()}}},
-          {"attenuation", attenuation},
+          {"attenuation", lawFields(l.attenuation)},
           {"memory_bytes", l.memory_bytes}};
 }
 
@@ -169,6 +173,8 @@ Fields runFields(const RunRecord& r) {
     lighting = web::jsonOf({{"images_learned", r.left_lighting.images},
                             {"unreadable", r.lighting_unreadable},
                             {"overlap", overlapFields(r.overlap)},
+                            {"white_balance", r.by_chart ? "chart" : "grey world"},
+                            {"water", Fields{{"share", r.water.share}, {"law", lawFields(r.water.colours)}}},
                             {"left", lightingFields(r.left_lighting)},
                             {"right", lightingFields(r.right_lighting)}});
   return {{"software_version", r.software_version},
@@ -238,6 +244,15 @@ void addLighting(web::ReportPage& report, const RunRecord& r) {
   report.text("The model that foretold images best, before it learnt them, corrects.");
   web::addTable(report, {web::named("camera", "left", lightingFields(r.left_lighting)),
                          web::named("camera", "right", lightingFields(r.right_lighting))});
+  report.text(r.by_chart
+                  ? "White balance: by the chart of calibrate-colour."
+                  : "White balance: grey world, the mean of the dive's ground is taken to be grey. A chart, "
+                    "photographed in the dive's water, gives the true one (calibrate-colour).");
+  if (r.water.share > 0)
+    report.text(formatted(
+        "Ground that images show from several ranges tells how its light falls with range; %.0f %% of "
+        "the difference to what the light model took in is beyond doubt, and corrected.",
+        100 * r.water.share));
   if (r.overlap.places == 0) return;
   report.text("The same places in two images that show them, medians:");
   report.table({}, web::rowsOf(overlapFields(r.overlap)));
