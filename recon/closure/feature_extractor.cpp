@@ -176,6 +176,11 @@ struct FeatureExtractor::Impl {
   void ended(const char* stage) const {
     if (observer) observer(stage);
   }
+  // Fills `result`.
+  void find(const ImageView& left, const ImageView& right, const DepthRange& range,
+            const Eigen::Vector3d& ground);
+  // Without much of its noise, and its contrast raised to what it was with that.
+  static ImageView smoothed(const ImageView& image, cv::Mat& out);
   // Pixel of the left image for a place in the image of the detector.
   [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
     const Eigen::Vector2d half(0.5, 0.5);  // centres: x + 1/2 of the small image is shrink (x + 1/2)
@@ -192,8 +197,8 @@ struct FeatureExtractor::Impl {
   std::vector<cv::KeyPoint> points, matched;  // found by the detector; found in the right image too
   std::vector<Feature> places;                // of `matched`
   std::optional<FromAbove> from_above;
-  cv::Mat small, above, descriptors;
-  FrameFeatures result;
+  cv::Mat small, above, descriptors, smooth_left, smooth_right;
+  FrameFeatures result, sharp;  // sharp: of images as they came, where these gave few
   std::function<void(const char* stage)> observer;
 };
 
@@ -217,6 +222,72 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
   return process(left, right, impl_->config.depths);
 }
 
+ImageView FeatureExtractor::Impl::smoothed(const ImageView& image, cv::Mat& out) {
+  constexpr double kSigma = 1;  // [px]
+  const cv::Mat whole(image.height, image.width, CV_8UC1, const_cast<void*>(image.data), image.stride);
+  cv::Scalar mean, before, after;
+  cv::meanStdDev(whole, mean, before);
+  cv::GaussianBlur(whole, out, {}, kSigma);
+  cv::meanStdDev(out, mean, after);
+  const double gain = before[0] / std::max(after[0], 1.0);
+  out.convertTo(out, CV_8U, gain, (1 - gain) * mean[0]);
+  ImageView view = image;
+  view.data = out.data, view.stride = out.step;
+  return view;
+}
+
+void FeatureExtractor::Impl::find(const ImageView& left, const ImageView& right, const DepthRange& range,
+                                  const Eigen::Vector3d& ground) {
+  result.clear();
+  const cv::Mat whole(left.height, left.width, CV_8UC1, const_cast<void*>(left.data), left.stride);
+  if (shrink == 1)
+    small = whole;
+  else
+    cv::resize(whole, small, {left.width / shrink, left.height / shrink}, 0, 0, cv::INTER_AREA);
+  from_above.reset();
+  if (ground.z() < kSlant && ground.z() > kGrazing) {
+    from_above.emplace(rig.left, shrink, ground);
+    from_above->draw(small, above);
+  }
+  const cv::Mat& view = from_above ? above : small;
+  const auto wanted = static_cast<std::size_t>(config.max_features);
+  detector->detect(view, points);
+  if (left.mask != nullptr)
+    std::erase_if(points, [&](const cv::KeyPoint& p) {
+      const double radius = 0.5 * shrink * static_cast<double>(p.size);
+      return left.mask->hides(pixelOf(placeOf(p)), radius);
+    });
+  thin(points, view.size(), static_cast<std::size_t>(kSurplus * config.max_features));
+  ended("detect");
+
+  // Features seen by both cameras alone are described.
+  matched.clear();
+  places.clear();
+  const int reach = config.stereo.refine_window / 2;
+  for (const cv::KeyPoint& p : points) {
+    if (matched.size() == wanted) break;
+    const Eigen::Vector2d pixel = pixelOf(placeOf(p));
+    StereoMatch found;
+    if (!matcher.match(left, right, pixel, range, found)) continue;
+    if (right.mask != nullptr && right.mask->hides(found.right, reach)) continue;
+    const double size = static_cast<double>(p.size);
+    const double sigma = shrink * (config.place_sigma + config.place_sigma_per_size * size);
+    if (!addFeature(matcher, pixel, found, sigma, static_cast<float>(shrink * size), places)) continue;
+    matched.push_back(p);
+    matched.back().class_id = static_cast<int>(matched.size()) - 1;
+  }
+  ended("stereo");
+
+  if (!matched.empty()) detector->compute(view, matched, descriptors);
+  // The detector may change the order of key points, or drop some; class_id keeps their numbers.
+  result.descriptors.resize(matched.size() * kDescriptorBytes);
+  for (std::size_t i = 0; i < matched.size(); ++i) {
+    result.features.push_back(places[static_cast<std::size_t>(matched[i].class_id)]);
+    rootSift(descriptors.ptr<float>(static_cast<int>(i)), result.descriptors.data() + i * kDescriptorBytes);
+  }
+  ended("describe");
+}
+
 const FrameFeatures& FeatureExtractor::process(const ImageView& left, const ImageView& right,
                                                const DepthRange& depths, const Eigen::Vector3d& ground) {
   Impl& m = *impl_;
@@ -226,54 +297,14 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
   if (!fits(left, m.rig.left) || !fits(right, m.rig.right) || !(range.nearest < range.farthest))
     return m.result;
 
-  const cv::Mat whole(left.height, left.width, CV_8UC1, const_cast<void*>(left.data), left.stride);
-  if (m.shrink == 1)
-    m.small = whole;
-  else
-    cv::resize(whole, m.small, {left.width / m.shrink, left.height / m.shrink}, 0, 0, cv::INTER_AREA);
-  m.from_above.reset();
-  if (ground.z() < kSlant && ground.z() > kGrazing) {
-    m.from_above.emplace(m.rig.left, m.shrink, ground);
-    m.from_above->draw(m.small, m.above);
+  m.find(left, right, range, ground);
+  // In dim or murky water noise covers the texture of every pixel, but not that of several together.
+  constexpr std::size_t kFew = 100;
+  if (m.result.size() < std::min(kFew, static_cast<std::size_t>(m.config.max_features) / 2)) {
+    std::swap(m.result, m.sharp);
+    m.find(m.smoothed(left, m.smooth_left), m.smoothed(right, m.smooth_right), range, ground);
+    if (m.sharp.size() > m.result.size()) std::swap(m.result, m.sharp);
   }
-  const cv::Mat& view = m.from_above ? m.above : m.small;
-  const auto wanted = static_cast<std::size_t>(m.config.max_features);
-  m.detector->detect(view, m.points);
-  if (left.mask != nullptr)
-    std::erase_if(m.points, [&](const cv::KeyPoint& p) {
-      const double radius = 0.5 * m.shrink * static_cast<double>(p.size);
-      return left.mask->hides(m.pixelOf(placeOf(p)), radius);
-    });
-  thin(m.points, view.size(), static_cast<std::size_t>(kSurplus * m.config.max_features));
-  m.ended("detect");
-
-  // Features seen by both cameras alone are described.
-  m.matched.clear();
-  m.places.clear();
-  const int reach = m.config.stereo.refine_window / 2;
-  for (const cv::KeyPoint& p : m.points) {
-    if (m.matched.size() == wanted) break;
-    const Eigen::Vector2d pixel = m.pixelOf(placeOf(p));
-    StereoMatch found;
-    if (!m.matcher.match(left, right, pixel, range, found)) continue;
-    if (right.mask != nullptr && right.mask->hides(found.right, reach)) continue;
-    const double size = static_cast<double>(p.size);
-    const double sigma = m.shrink * (m.config.place_sigma + m.config.place_sigma_per_size * size);
-    if (!addFeature(m.matcher, pixel, found, sigma, static_cast<float>(m.shrink * size), m.places)) continue;
-    m.matched.push_back(p);
-    m.matched.back().class_id = static_cast<int>(m.matched.size()) - 1;
-  }
-  m.ended("stereo");
-
-  if (!m.matched.empty()) m.detector->compute(view, m.matched, m.descriptors);
-  // The detector may change the order of key points, or drop some; class_id keeps their numbers.
-  m.result.descriptors.resize(m.matched.size() * kDescriptorBytes);
-  for (std::size_t i = 0; i < m.matched.size(); ++i) {
-    m.result.features.push_back(m.places[static_cast<std::size_t>(m.matched[i].class_id)]);
-    rootSift(m.descriptors.ptr<float>(static_cast<int>(i)),
-             m.result.descriptors.data() + i * kDescriptorBytes);
-  }
-  m.ended("describe");
   return m.result;
 }
 

@@ -71,6 +71,26 @@ TEST(Features, AreNoneWhereAMaskHidesEitherImage) {
   }
 }
 
+// Dim light: noise of every pixel is as strong as the ground's texture.
+TEST(Features, OfNoisyImagesAreTheGroundsAndOnTheTrueSurface) {
+  auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
+  std::mt19937 random(5);
+  std::normal_distribution<double> noise(0, 24);
+  for (auto* image : {&images.first, &images.second})
+    for (std::uint8_t& p : image->pixels)
+      p = static_cast<std::uint8_t>(std::clamp(100 + 0.4 * (p - 100) + noise(random), 0.0, 255.0));
+  FeatureExtractor extractor(smallRig(), {});
+  const FrameFeatures& frame = extractor.process(images.first.view(), images.second.view());
+  std::size_t near = 0;
+  for (const Feature& f : frame.features) {
+    const Eigen::Vector3d ray = smallRig().left.ray(f.left.cast<double>());
+    const double z = 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
+    near += std::abs(static_cast<double>(f.point.z()) - z) < 0.1 ? 1 : 0;
+  }
+  EXPECT_GT(near, 24U);
+  EXPECT_GT(static_cast<double>(near), 0.8 * static_cast<double>(frame.size()));
+}
+
 TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
   FeatureExtractor extractor(smallRig(), {});
   EXPECT_EQ(extractor.process({}, {}).size(), 0U);
