@@ -39,6 +39,12 @@ Fields lawFields(const std::array<lighting::Attenuation, 3>& law) {
   return out;
 }
 
+Fields waterFields(const lighting::WaterLaw& water) {
+  Fields out = {{"share", water.share}};
+  if (water.share > 0) out.emplace_back("law", lawFields(water.colours));
+  return out;
+}
+
 Fields lightingFields(const lighting::LightingModel::Report& l) {
   const auto error = [](const char* key, double value, const char* title) {  // null: never tried
     return value < 0 ? ReportField(key, nullptr, title, "-") : ReportField(key, value, title, 1, 100);
@@ -174,7 +180,7 @@ Fields runFields(const RunRecord& r) {
                             {"unreadable", r.lighting_unreadable},
                             {"overlap", overlapFields(r.overlap)},
                             {"white_balance", r.by_chart ? "chart" : "grey world"},
-                            {"water", Fields{{"share", r.water.share}, {"law", lawFields(r.water.colours)}}},
+                            {"water", waterFields(r.water)},
                             {"left", lightingFields(r.left_lighting)},
                             {"right", lightingFields(r.right_lighting)}});
   return {{"software_version", r.software_version},
