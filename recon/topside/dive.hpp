@@ -110,7 +110,6 @@ class Dive {
   std::optional<ModelPlan> plan_;
   std::vector<TextureCamera> texture_cameras_;
   std::unique_ptr<ViewImages> images_;
-  std::optional<PoseVariance> pose_variance_;
   PieceInputs piece_inputs_;
   std::vector<WorkFile> piece_files_;
   std::vector<TilePlaces> levels_;

@@ -12,8 +12,6 @@ namespace {
 // by.
 constexpr std::size_t kImageBytes = std::size_t{512} << 20;
 
-const std::vector<SlamResult::Uncertain> kNoPoses;
-
 std::string pieceItem(const TileRange& core) {
   return std::to_string(core.x0) + "_" + std::to_string(core.y0) + "_" + std::to_string(core.x1) + "_" +
          std::to_string(core.y1);
@@ -39,8 +37,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   piece_inputs_.prepared = prepared_.get();
   piece_inputs_.T_nav_cam = &T_nav_cam_;
   piece_inputs_.footprints = &model.footprints;
-  pose_variance_.emplace(slam_ ? slam_->uncertain : kNoPoses);
-  piece_inputs_.doubt = &*pose_variance_;
+  if (slam_) piece_inputs_.doubt = PoseVariance(slam_->uncertain);
   piece_inputs_.statistics = &model.statistics;
   piece_inputs_.planes = &survey_->planes;
   piece_inputs_.light = &model.light;

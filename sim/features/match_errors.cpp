@@ -11,7 +11,6 @@
 namespace fathom::sim {
 namespace {
 
-constexpr const char* kHeader = "share,place_ratio,match_ratio,stated_match_px,size,stated_place";
 constexpr std::size_t kMostRows = 10'000;
 
 }  // namespace

@@ -7,8 +7,7 @@
 namespace fathom::sim {
 
 // How far features are off and what a front end states of it, as quantiles from a CSV file with the header
-//   share,place_ratio,match_ratio,stated_match_px,size,stated_place
-// and rows by rising share from 0 to 1: so large a share of features is not above the row's values.
+// kHeader and rows by rising share from 0 to 1: so large a share of features is not above the row's values.
 //   place_ratio      length of the place's error from view to view over its stated sigma along one axis
 //   match_ratio      magnitude of the match's error along x, or y, over its stated sigma
 //   stated_match_px  that sigma [px]
@@ -17,6 +16,8 @@ namespace fathom::sim {
 // `fathom-report match-errors` measures such a file on missions of pictures.
 class MatchErrors {
  public:
+  static constexpr const char* kHeader = "share,place_ratio,match_ratio,stated_match_px,size,stated_place";
+
   // Throws InputError, which names the line.
   explicit MatchErrors(const std::filesystem::path& file);
   // The shipped one: of the undisturbed dives of the campaign, rendered.

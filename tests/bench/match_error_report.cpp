@@ -2,14 +2,13 @@
 // table that simulated features are drawn from (sim/features), and what of it real images confirm.
 #include <Eigen/Dense>
 #include <cstdio>
-#include <fstream>
 
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
-#include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/closure/frame_features.hpp"
 #include "recon/topside/dive.hpp"
+#include "sim/features/match_errors.hpp"
 #include "tests/bench/common/measures.hpp"
 #include "tests/bench/common/true_mission.hpp"
 #include "tests/bench/reports.hpp"
@@ -27,19 +26,31 @@ struct Fit {
   Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
   void add(const Eigen::Vector3d& row, double value) { h += row * row.transpose(), g += row * value; }
+  void add(const Fit& more) { h += more.h, g += more.g; }
   [[nodiscard]] Eigen::Vector3d solved() const {
     return (h + 1e-9 * Eigen::Matrix3d::Identity()).ldlt().solve(g);
   }
 };
 
 // Of features of any number of missions. Ratios are over what the features state.
-struct MatchErrors {
+struct Errors {
   std::vector<double> place_ratio, match_ratio;
   std::vector<double> stated_place, stated_match, size;    // over the width; px; over the width
   std::array<double, kApart.size()> together{}, weight{};  // of place errors, by distance
   std::vector<double> place_px, match_px, across_px;
   // What a dive's features share: disparity by tangents [px], and the place's slope [tangent by tangent].
   Fit disparity, place_slope;
+
+  void add(const Errors& more) {
+    for (const auto values :
+         {&Errors::place_ratio, &Errors::match_ratio, &Errors::stated_place, &Errors::stated_match,
+          &Errors::size, &Errors::place_px, &Errors::match_px, &Errors::across_px})
+      (this->*values).insert((this->*values).end(), (more.*values).begin(), (more.*values).end());
+    for (std::size_t k = 0; k < kApart.size(); ++k)
+      together[k] += more.together[k], weight[k] += more.weight[k];
+    disparity.add(more.disparity);
+    place_slope.add(more.place_slope);
+  }
 };
 
 struct Stated {
@@ -108,7 +119,7 @@ std::vector<MeasuredFrame> framesOf(const fs::path& folder, StereoRig& rig, bool
   return frames;
 }
 
-void addMatches(const MeasuredFrame& frame, const StereoRig& rig, bool simulated, MatchErrors& out) {
+void addMatches(const MeasuredFrame& frame, const StereoRig& rig, bool simulated, Errors& out) {
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
     if (!frame.points[i]) continue;
     const closure::Feature& f = frame.features.features[i];
@@ -130,7 +141,7 @@ void addMatches(const MeasuredFrame& frame, const StereoRig& rig, bool simulated
 }
 
 // Matches of two frames by their looks, no more than kFarthest from where poses say.
-void addPlaces(const MeasuredFrame& a, const MeasuredFrame& b, const StereoRig& rig, MatchErrors& out) {
+void addPlaces(const MeasuredFrame& a, const MeasuredFrame& b, const StereoRig& rig, Errors& out) {
   constexpr double kFarthest = 0.02, kBothViews = M_SQRT2;  // of the width
   constexpr double kClip = 3;                               // errors that count for neighbours, at most
   Eigen::MatrixXf distances;
@@ -178,8 +189,8 @@ constexpr double kShares[] = {0,    0.05,  0.1,  0.15,  0.2,   0.25,  0.3,    0.
                               0.6,  0.7,   0.75, 0.8,   0.85,  0.9,   0.93,   0.95,   0.97,
                               0.98, 0.985, 0.99, 0.995, 0.998, 0.999, 0.9995, 0.9999, 1};
 
-std::string tableOf(const MatchErrors& e) {
-  std::string out = "share,place_ratio,match_ratio,stated_match_px,size,stated_place\n";
+std::string tableOf(const Errors& e) {
+  std::string out = std::string(sim::MatchErrors::kHeader) + "\n";
   for (const double share : kShares)
     out += formatted("%g,%.4g,%.4g,%.4g,%.4g,%.4g\n", share, quantile(e.place_ratio, share),
                      quantile(e.match_ratio, share), quantile(e.stated_match, share), quantile(e.size, share),
@@ -192,7 +203,7 @@ struct MatchErrorOptions {
   fs::path out;
 };
 
-void print(const std::string& name, const MatchErrors& e) {
+void print(const std::string& name, const Errors& e) {
   const auto three = [](const std::vector<double>& values) {
     return formatted("%.3f %.3f %.2f", quantile(values, 0.5), quantile(values, 0.95), quantile(values, 0.99));
   };
@@ -209,19 +220,17 @@ void print(const std::string& name, const MatchErrors& e) {
 }
 
 int runMatchErrors(const MatchErrorOptions& options) {
-  MatchErrors all;
+  Errors all;
   for (const fs::path& folder : options.missions) {
     StereoRig rig;
     bool simulated = false;
     const std::vector<MeasuredFrame> frames = framesOf(folder, rig, simulated);
-    MatchErrors own;
-    for (MatchErrors* into : {&own, &all}) {
-      if (into == &all && !simulated) continue;
-      for (std::size_t k = 0; k < frames.size(); ++k) {
-        addMatches(frames[k], rig, simulated, *into);
-        if (k > 0) addPlaces(frames[k - 1], frames[k], rig, *into);
-      }
+    Errors own;
+    for (std::size_t k = 0; k < frames.size(); ++k) {
+      addMatches(frames[k], rig, simulated, own);
+      if (k > 0) addPlaces(frames[k - 1], frames[k], rig, own);
     }
+    if (simulated) all.add(own);
     print(folder.filename().string(), own);
   }
   print("all simulated", all);

@@ -80,7 +80,7 @@ TEST(PoseVariance, IsTheMeanOverTheMeshesThatSawThePlace) {
 
 TEST(PoseVariance, OfPosesThatAreGivenIsNotAdded) {
   Mesh mesh = ground();
-  PoseVariance({}).addTo(mesh, {0}, {camera(0)}, kWide);
+  PoseVariance().addTo(mesh, {0}, {camera(0)}, kWide);
   EXPECT_EQ(mesh.sigma, ground().sigma);
   const std::vector<SlamResult::Uncertain> uncertain = {{0, camera(0), covarianceOf(5), Matrix6d::Zero()}};
   PoseVariance(uncertain).addTo(mesh, {0}, {camera(0)}, {{{5, 5, 6, 6}}});

@@ -182,7 +182,7 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   for (const std::uint32_t pair : piece.meshes) {
     hasher.add(in.prepared->meshDigest(pair));
     addPose(hasher, (*in.T_nav_cam)[pair]);
-    in.doubt->addKey(hasher, pair);
+    in.doubt.addKey(hasher, pair);
     hasher.add(in.light->gains[pair]);
     if (!textured) continue;
     hasher.add(image_identities[pair]);
@@ -215,7 +215,7 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
     if (!piece.core.contains(tile.tile)) continue;
     TileMesh kept = in.input->region ? in.input->region->inside(tile) : tile;
     if (kept.mesh.empty()) continue;
-    in.doubt->addTo(kept.mesh, piece.meshes, *in.T_nav_cam, *in.footprints);
+    in.doubt.addTo(kept.mesh, piece.meshes, *in.T_nav_cam, *in.footprints);
     core.push_back(std::move(kept));
   }
 

@@ -23,7 +23,7 @@ struct PieceInputs {
   const PreparedGroups* prepared = nullptr;
   const std::vector<SE3>* T_nav_cam = nullptr;  // of every pair; of pairs without a mesh: any
   const std::vector<fusion::MeshFootprint>* footprints = nullptr;  // of every pair
-  const PoseVariance* doubt = nullptr;
+  PoseVariance doubt;
   const fusion::CellStatistics* statistics = nullptr;  // of all meshes
   const SeedPlanes* planes = nullptr;                  // of every pair
   const GroundLight* light = nullptr;

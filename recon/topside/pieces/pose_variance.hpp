@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "recon/fusion/space_division.hpp"
@@ -19,8 +20,9 @@ namespace fathom::topside {
 class PoseVariance {
  public:
   // `uncertain`: of pairs in rising order, some of the dive's; a pair has the covariance of the nearest one
-  // in order. None: nothing is added.
-  explicit PoseVariance(const std::vector<SlamResult::Uncertain>& uncertain) : uncertain_(uncertain) {}
+  // in order. None: nothing is added. They must outlive it.
+  PoseVariance() = default;
+  explicit PoseVariance(std::span<const SlamResult::Uncertain> uncertain) : uncertain_(uncertain) {}
 
   // Adds to sigma of every vertex of a mesh in nav, by those of `pairs`, in rising order, whose footprints it
   // is in; `T_nav_cam`, `footprints`: of every pair.
@@ -32,7 +34,7 @@ class PoseVariance {
  private:
   [[nodiscard]] const Matrix6d& nearest(std::uint32_t pair) const;
 
-  const std::vector<SlamResult::Uncertain>& uncertain_;
+  std::span<const SlamResult::Uncertain> uncertain_;
 };
 
 }  // namespace fathom::topside
