@@ -238,7 +238,7 @@ RunSummary MissionRun::summary() const {
 }
 
 bool MissionRun::write(std::uint64_t damaged_entries, double wall_s) {
-  const Mesh map = fusion::toMesh(system_.map().map());
+  const Mesh map = system_.mapMesh();
   if (map.empty()) return false;
   output_.writeMap(map);
   output_.placeStereoPoses([this](const MapOutput& pair) { return system_.map().poseOf(pair); });

@@ -203,7 +203,7 @@ MapCoreConfig mapCoreConfig(const OnboardConfig& config, const io::MissionConfig
                     config.colours};
   map.localisation.graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   slam::SensorNoise& noise = map.localisation.graph.noise;
-  if (readTide(mission.tide_model, mission.start_utc_ns)) noise = slam::withTideModel(noise);
+  noise = slam::withTide(noise, readTide(mission.tide_model, mission.start_utc_ns).has_value());
   slam::RigPrior& prior = map.localisation.graph.rig;
   prior.baseline = rig.baseline();
   // Epipolar lines have not been looked at when the dive begins.

@@ -110,6 +110,7 @@ class OnboardSystem {
   [[nodiscard]] telemetry::Status status(std::int64_t now_ns) const;
 
   [[nodiscard]] const MapCore& map() const { return map_; }
+  [[nodiscard]] Mesh mapMesh() { return map_.mesh(); }  // as MapCore's
   [[nodiscard]] bool slotsHold() { return map_.slotsHold(); }
   // Called with the stage's name when it ends: "images" and those of MapCore. For a caller that has a clock.
   void setStageObserver(std::function<void(const char* stage)> observer) {

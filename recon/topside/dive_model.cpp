@@ -37,7 +37,7 @@ std::vector<StageTask> Dive::pieceTasks() {
   piece_inputs_.prepared = prepared_.get();
   piece_inputs_.T_nav_cam = &T_nav_cam_;
   piece_inputs_.footprints = &model.footprints;
-  if (slam_) piece_inputs_.doubt = PoseVariance(slam_->uncertain);
+  if (slam_) piece_inputs_.doubt = PoseDoubt(slam_->uncertain);
   piece_inputs_.statistics = &model.statistics;
   piece_inputs_.planes = &survey_->planes;
   piece_inputs_.light = &model.light;

@@ -55,8 +55,8 @@ TEST(NavigationConfig, AnErrorNamesTheValueOutOfRange) {
 TEST(NavigationConfig, WithoutATideModelTheSeasHeightIsUnknown) {
   SensorNoise noise;
   noise.depth_offset = 0.1;
-  EXPECT_NEAR(withoutTideModel(noise).depth_offset, 0.51, 0.01);
-  EXPECT_LT(withTideModel(noise).tide_rate, 0.2 * noise.tide_rate);
+  EXPECT_NEAR(withTide(noise, false).depth_offset, 0.51, 0.01);
+  EXPECT_LT(withTide(noise, true).tide_rate, 0.2 * noise.tide_rate);
 }
 
 }  // namespace

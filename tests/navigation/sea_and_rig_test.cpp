@@ -111,7 +111,7 @@ TEST(NavigationGraph, SwellMovesTheHeightsLessWhereTheTideIsPredicted) {
     }
     NavigationConfig config = smallConfig();
     NavigationGraph without(config);
-    config.noise = withTideModel(config.noise);
+    config.noise = withTide(config.noise, true);
     NavigationGraph with(config);
     drive(without, survey, options);
     drive(with, survey, options);

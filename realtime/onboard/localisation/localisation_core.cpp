@@ -192,6 +192,24 @@ double LocalisationCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_ca
                     slam::wanderSigma(distance, elapsed, config_.graph.noise));
 }
 
+std::vector<UncertainView> LocalisationCore::views() {
+  constexpr int kMost = 2000;  // covariances; neighbours' are alike
+  const double half = 0.5 * std::hypot(camera_.width / camera_.fx, camera_.height / camera_.fy);
+  const int every = keyframes() / kMost + 1;
+  std::vector<UncertainView> views;
+  for (int k = 0; k < keyframes(); ++k) {
+    if (!has(k)) continue;
+    const double range = graph_.range(k), reach = half * range;
+    UncertainView view{.T_nav_cam = keyframePose(k), .covariance = {}, .box = {}};
+    const Eigen::Vector3d middle = view.T_nav_cam * Eigen::Vector3d(0, 0, range);
+    view.covariance =
+        views.size() % static_cast<std::size_t>(every) == 0 ? graph_.covariance(k) : views.back().covariance;
+    view.box = {middle.x() - reach, middle.y() - reach, middle.x() + reach, middle.y() + reach};
+    views.push_back(view);
+  }
+  return views;
+}
+
 void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked& looked) {
   const closure::FrameFeatures& found = looked.features;
   if (found.size() == 0) ++counters_.frames_without_features;

@@ -11,6 +11,7 @@
 #include "realtime/onboard/localisation/localisation_config.hpp"
 #include "realtime/onboard/localisation/online_closure_search.hpp"
 #include "recon/closure/feature_extractor.hpp"
+#include "recon/geometry/pose_variance.hpp"
 #include "recon/navigation/dead_reckoning/dead_reckoning.hpp"
 #include "recon/navigation/dead_reckoning/position_anchor.hpp"
 
@@ -83,6 +84,8 @@ class LocalisationCore {
   [[nodiscard]] double positionSigma() const { return position_sigma_; }
   [[nodiscard]] double positionSigma(std::int64_t utc_ns, const SE3& T_odom_cam,
                                      const nav::DeadReckoning::Quality& quality) const;
+  // What keyframes saw, and how well they are known; takes memory, for the end of a survey.
+  [[nodiscard]] std::vector<UncertainView> views();
   // Whether keyframes have moved since the last call of takeChanges().
   [[nodiscard]] bool moved() const { return graph_.changesWaiting() > 0; }
   void takeChanges() { graph_.takeAllChanges(); }

@@ -143,6 +143,15 @@ int MapCore::look(const MapInput& input, const SeenPair& pair, bool images) {
   return localisation_->look(frame);
 }
 
+Mesh MapCore::mesh() {
+  Mesh mesh = fusion::toMesh(map_.map());
+  if (!localisation_ || mesh.empty()) return mesh;
+  computeNormals(mesh);
+  addPoseVariance(localisation_->views(), mesh);
+  mesh.normals.clear();
+  return mesh;
+}
+
 void MapCore::finish() {
   if (!localisation_) return;
   localisation_->finish();

@@ -125,6 +125,9 @@ class MapCore {
   [[nodiscard]] bool moves() const { return localisation_ && map_.moves(); }
   // The survey is over: localisation completes its queue and the map is fused again at the final poses.
   void finish();
+  // The whole map, with the standard deviation of its places in nav where localisation knows them; takes
+  // memory, for the end of a survey.
+  [[nodiscard]] Mesh mesh();
   // The ship holds this square in its present state: it is coarsened before others when the pool is full.
   void noteSent(const fusion::TileKey& key) { map_.noteSent(key); }
 

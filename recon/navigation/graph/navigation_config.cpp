@@ -74,15 +74,13 @@ void visitSensorNoise(KeyVisitor& keys, SensorNoise& n) {
   if (keys.reads()) n.validate();
 }
 
-SensorNoise withoutTideModel(SensorNoise noise) {
-  constexpr double kSea = 0.5;  // [m]
-  noise.depth_offset = std::hypot(noise.depth_offset, kSea);
-  return noise;
-}
-
-SensorNoise withTideModel(SensorNoise noise) {
+SensorNoise withTide(SensorNoise noise, bool predicted) {
+  constexpr double kSea = 0.5;    // [m]
   constexpr double kLeft = 0.03;  // [1]: 9e-6 m/s, as 0.06 m twice a day
-  noise.tide_rate *= kLeft;
+  if (predicted)
+    noise.tide_rate *= kLeft;
+  else
+    noise.depth_offset = std::hypot(noise.depth_offset, kSea);
   return noise;
 }
 

@@ -40,10 +40,8 @@ struct NavigationConfig {
 // reader throws std::invalid_argument for values that do not fit each other.
 void visitSensorNoise(KeyVisitor& keys, SensorNoise& noise);
 
-// The same where no tide is predicted: the sea's height over nav's zero is unknown by half a metre, as for a
-// tide of 0.7 m. Topside only, where heights have a stated accuracy.
-[[nodiscard]] SensorNoise withoutTideModel(SensorNoise noise);
-// And where mission.toml predicts it: harmonic constants leave a part of its rate.
-[[nodiscard]] SensorNoise withTideModel(SensorNoise noise);
+// The same where mission.toml predicts the tide: harmonic constants leave a part of its rate. And where it
+// does not: the sea's height over nav's zero is unknown by half a metre, as for a tide of 0.7 m.
+[[nodiscard]] SensorNoise withTide(SensorNoise noise, bool predicted);
 
 }  // namespace fathom::slam

@@ -61,8 +61,7 @@ std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation&
 }
 
 slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::NavigationConfig graph) {
-  const bool predicted = readTide(mission.tide_model, mission.start_utc_ns).has_value();
-  graph.noise = predicted ? slam::withTideModel(graph.noise) : slam::withoutTideModel(graph.noise);
+  graph.noise = slam::withTide(graph.noise, readTide(mission.tide_model, mission.start_utc_ns).has_value());
   graph.dvl_in_camera = mission.T_body_cam.inverse() * mission.T_body_dvl.translation();
   graph.forward_in_camera = mission.T_body_cam.rotation().conjugate() * Eigen::Vector3d::UnitX();
   return graph;

@@ -25,7 +25,7 @@ void exchangeState(Archive& archive, Is<PieceFacts> auto& f) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPieceVersion = 11;
+constexpr std::uint32_t kPieceVersion = 12;
 
 // Seconds of several threads by step.
 class SharedCosts {

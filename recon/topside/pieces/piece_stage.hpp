@@ -8,7 +8,7 @@
 #include "recon/products/rasters/layer_patch.hpp"
 #include "recon/topside/config/model_settings.hpp"
 #include "recon/topside/config/topside_config.hpp"
-#include "recon/topside/pieces/pose_variance.hpp"
+#include "recon/topside/pieces/pose_doubt.hpp"
 #include "recon/topside/pieces/tile_blocks.hpp"
 #include "recon/topside/pieces/view_images.hpp"
 #include "recon/topside/prepare/prepared_groups.hpp"
@@ -23,7 +23,7 @@ struct PieceInputs {
   const PreparedGroups* prepared = nullptr;
   const std::vector<SE3>* T_nav_cam = nullptr;  // of every pair; of pairs without a mesh: any
   const std::vector<fusion::MeshFootprint>* footprints = nullptr;  // of every pair
-  PoseVariance doubt;
+  PoseDoubt doubt;
   const fusion::CellStatistics* statistics = nullptr;  // of all meshes
   const SeedPlanes* planes = nullptr;                  // of every pair
   const GroundLight* light = nullptr;

@@ -12,20 +12,16 @@
 
 namespace fathom::topside {
 
-// What the doubt of poses adds to that of the surface which they place. A camera at T_nav_cam with covariance
-// C of its right perturbation (rho, phi) moves its point p, in the camera's frame, along the unit normal n by
-//   a' rho + (p x a)' phi,  a = R' n,
-// so with the variance of that row through C. Meshes over one spot share nearly all of it (navigation places
-// them together): what is added is the mean over them, and does not fall with their number.
-class PoseVariance {
+// How well the poses of a dive are known, for the surfaces that they place (addPoseVariance).
+class PoseDoubt {
  public:
   // `uncertain`: of pairs in rising order, some of the dive's; a pair has the covariance of the nearest one
   // in order. None: nothing is added. They must outlive it.
-  PoseVariance() = default;
-  explicit PoseVariance(std::span<const SlamResult::Uncertain> uncertain) : uncertain_(uncertain) {}
+  PoseDoubt() = default;
+  explicit PoseDoubt(std::span<const SlamResult::Uncertain> uncertain) : uncertain_(uncertain) {}
 
-  // Adds to sigma of every vertex of a mesh in nav, by those of `pairs`, in rising order, whose footprints it
-  // is in; `T_nav_cam`, `footprints`: of every pair.
+  // Adds to sigma of every vertex of a mesh in nav, by those of `pairs` whose footprints it is in;
+  // `T_nav_cam`, `footprints`: of every pair.
   void addTo(Mesh& mesh, const std::vector<std::uint32_t>& pairs, const std::vector<SE3>& T_nav_cam,
              const std::vector<fusion::MeshFootprint>& footprints) const;
   // What addTo() takes of a pair.

@@ -1,14 +1,16 @@
-#include "recon/topside/pieces/pose_variance.hpp"
+#include "recon/geometry/pose_variance.hpp"
 
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <cmath>
 #include <random>
+#include <vector>
 
 #include "recon/geometry/uncertain_pose.hpp"
 
-namespace fathom::topside {
+namespace fathom {
 namespace {
 
 constexpr float kSurface = 0.003F;  // sigma of the surface itself [m]
@@ -36,14 +38,14 @@ Matrix6d covarianceOf(std::uint32_t seed) {
   return root * root.transpose();
 }
 
-const std::vector<fusion::MeshFootprint> kWide = {{{-1, -1, 1, 1}}, {{-1, -1, 1, 1}}, {{0.5, -1, 2, 1}}};
+constexpr std::array<double, 4> kWide = {-1, -1, 1, 1};
 
 // How far points of a mesh go along its normals, by poses drawn around the camera's.
 TEST(PoseVariance, IsThatOfDrawnPoses) {
   const Matrix6d covariance = covarianceOf(5);
-  const std::vector<SlamResult::Uncertain> uncertain = {{0, camera(0), covariance, Matrix6d::Zero()}};
+  const std::vector<UncertainView> views = {{camera(0), covariance, kWide}};
   Mesh mesh = ground();
-  PoseVariance(uncertain).addTo(mesh, {0}, {camera(0)}, kWide);
+  addPoseVariance(views, mesh);
   std::mt19937 random(1);
   std::normal_distribution<double> normal;
   const Matrix6d root = covariance.llt().matrixL();
@@ -64,28 +66,28 @@ TEST(PoseVariance, IsThatOfDrawnPoses) {
 }
 
 // Passes that navigation places together do not make a place surer; those beside it have no say.
-TEST(PoseVariance, IsTheMeanOverTheMeshesThatSawThePlace) {
+TEST(PoseVariance, IsTheMeanOverTheViewsOfThePlace) {
   Matrix6d deep = Matrix6d::Zero(), deeper = Matrix6d::Zero();
   deep(2, 2) = 0.01, deeper(2, 2) = 0.04;
-  const std::vector<SE3> level(3, SE3(Eigen::Quaterniond::Identity(), {0, 0, 18}));
-  const std::vector<SlamResult::Uncertain> uncertain = {{0, level[0], deep, Matrix6d::Zero()},
-                                                        {2, level[2], deeper, Matrix6d::Zero()}};
+  const SE3 level(Eigen::Quaterniond::Identity(), {0, 0, 18});
+  const std::vector<UncertainView> views = {
+      {level, deep, kWide}, {level, deep, kWide}, {level, deeper, {0.5, -1, 2, 1}}};
   Mesh mesh = ground();
   mesh.normals.back() = {0, 0, -1};
-  PoseVariance(uncertain).addTo(mesh, {0, 1, 2}, level, kWide);
+  addPoseVariance(views, mesh);
   const double own = static_cast<double>(kSurface) * static_cast<double>(kSurface);
   EXPECT_NEAR(static_cast<double>(mesh.sigma[0]), std::sqrt(own + 0.01), 1e-6);
   EXPECT_NEAR(static_cast<double>(mesh.sigma[2]), std::sqrt(own + (0.01 + 0.01 + 0.04) / 3), 1e-6);
 }
 
-TEST(PoseVariance, OfPosesThatAreGivenIsNotAdded) {
+TEST(PoseVariance, IsOfGroundThatAViewTakesIn) {
   Mesh mesh = ground();
-  PoseVariance().addTo(mesh, {0}, {camera(0)}, kWide);
+  addPoseVariance({}, mesh);
   EXPECT_EQ(mesh.sigma, ground().sigma);
-  const std::vector<SlamResult::Uncertain> uncertain = {{0, camera(0), covarianceOf(5), Matrix6d::Zero()}};
-  PoseVariance(uncertain).addTo(mesh, {0}, {camera(0)}, {{{5, 5, 6, 6}}});
-  EXPECT_EQ(mesh.sigma, ground().sigma) << "no footprint takes it in";
+  const std::vector<UncertainView> views = {{camera(0), covarianceOf(5), {5, 5, 6, 6}}};
+  addPoseVariance(views, mesh);
+  EXPECT_EQ(mesh.sigma, ground().sigma);
 }
 
 }  // namespace
-}  // namespace fathom::topside
+}  // namespace fathom
