@@ -183,9 +183,11 @@ std::vector<std::pair<std::string, double>> OnboardSystem::health() const {
   add("rejected_fish", m.rejected.fish);
   const calibration::RigWatch& rig = map_.rig();
   add("rig_changes", rig.changes());
+  const calibration::RigChange change = rig.change();
   for (int axis = 0; axis < 3; ++axis)
-    add("rig_turned_" + std::string(1, "xyz"[axis]) + "_rad", rig.turned()(axis));
-  add("rig_focal_longer", rig.focal());
+    add("rig_turned_" + std::string(1, "xyz"[axis]) + "_rad", change.rotation(axis));
+  add("rig_focal_longer", change.focal);
+  add("rig_k1_more", change.radial);
   add("rig_range_scale", rig.rangeCorrected().scale);
   add("rig_range_per_m", rig.rangeCorrected().per_metre);
   add("rig_versions", rig.history().newest());

@@ -73,6 +73,7 @@ void RigHistory::restore() {
     version.rig.left.fx = known.left.fx, version.rig.left.fy = known.left.fy;
     version.rig.right.fx = known.right.fx, version.rig.right.fy = known.right.fy;
     version.rig.right.cx = known.right.cx;
+    version.rig.left.k1 = known.left.k1, version.rig.right.k1 = known.right.k1;
   }
 }
 
@@ -83,18 +84,15 @@ namespace {
 constexpr double kCorrelation = 4;
 // Random walk of a rig that warms, cools and settles, from one measurement to the next [rad], [1].
 constexpr double kWalk = 2e-5;
-// Gate of a measurement against the estimate: chi-square with 4 degrees of freedom, beyond what changes of
+// Gate of a measurement against the estimate: chi-square with 5 degrees of freedom, beyond what changes of
 // distortion cause.
 constexpr double kContradicts = 60;
 // Smaller changes do not give a new rig: of ranges [1] at a survey's altitude [m], and of epipolar lines, as
 // a turn [rad].
 constexpr double kLeastRange = 5e-4, kSurveyRange = 2, kLeastTurn = 5e-5;
 
-Eigen::Vector4d changeOf(const EpipolarCheck& check) {
-  Eigen::Vector4d change;
-  change << check.rotation, check.focal;
-  return change;
-}
+// As much as a turn moves lines, a coefficient moves them at the edge of the image.
+constexpr double kAtEdge = 0.03;
 
 }  // namespace
 
@@ -117,10 +115,10 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
   ++measurements_;
   judged_.swap(matches_);
   matches_.clear();
-  const Eigen::Vector4d measured = changeOf(check);
+  const RigChange::Vector measured = check.change.vector();
   judged_off_ = measured;
-  const Eigen::Matrix4d information = check.information / kCorrelation;
-  const Eigen::Vector4d off = measured - left_;
+  const RigChange::Matrix information = check.information / kCorrelation;
+  const RigChange::Vector off = measured - left_;
   const bool moved = explainsMove(check);
   const bool contradicts =
       resets_ > 0 && off.dot((known_.inverse() + information.inverse()).ldlt().solve(off)) > kContradicts;
@@ -132,8 +130,8 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
     left_ = measured;
     known_ = information;
   } else {
-    known_ = (known_.inverse() + kWalk * kWalk * Eigen::Matrix4d::Identity()).inverse();
-    const Eigen::Matrix4d both = known_ + information;
+    known_ = (known_.inverse() + kWalk * kWalk * RigChange::Matrix::Identity()).inverse();
+    const RigChange::Matrix both = known_ + information;
     left_ = both.ldlt().solve(known_ * left_ + information * measured);
     known_ = both;
   }
@@ -143,15 +141,19 @@ bool RigWatch::add(std::span<const RigMatch> matches) {
 // False where the change is too small: the threshold grows with the number of versions, so that a dive of any
 // length leaves room for a knock.
 bool RigWatch::applyLeft(bool same) {
-  const StereoRig to = changed(rig(), left_.head<3>(), left_.w());
+  const RigChange by(left_);
+  const StereoRig to = changed(rig(), by);
+  RigChange::Vector moves = left_;
+  moves(4) *= kAtEdge;
   const double worth = history_.worth();
-  if (history_.full() || (same && left_.cwiseAbs().maxCoeff() < worth * kLeastTurn &&
+  if (history_.full() || (same && moves.cwiseAbs().maxCoeff() < worth * kLeastTurn &&
                           std::abs(rangeChange(rig(), to).at(kSurveyRange)) < worth * kLeastRange))
     return false;
   Vector6d twist = Vector6d::Zero();
-  twist.tail<3>() = left_.head<3>();
+  twist.tail<3>() = by.rotation;
   T_right_left_ = SE3::exp(twist) * T_right_left_;
-  focal_ += left_.w();
+  focal_ += by.focal;
+  radial_ += by.radial;
   judged_off_ -= left_;
   left_.setZero();
   apply(same);
@@ -163,7 +165,7 @@ void RigWatch::correctRange(const RangeError& error) {
   range_.per_metre += error.per_metre;
   apply(true);
   if (judged_.empty()) return;
-  const Eigen::Vector4d measured = changeOf(checkEpipolar(rig(), judged_));
+  const RigChange::Vector measured = checkEpipolar(rig(), judged_).change.vector();
   left_ += measured - judged_off_;
   judged_off_ = measured;
   (void)applyLeft(true);
@@ -181,13 +183,14 @@ bool RigWatch::correctAtStart(const std::vector<RigMatch>& matches) {
   const EpipolarCheck check = checkEpipolar(rig(), matches);
   const double off = std::max(std::abs(check.median), check.sigma);
   if (!measuresRig(check, kFewest) || off < kMostMedian || check.sigma_after > kExplained * off) return false;
-  left_ = {check.rotation.x(), 0, check.rotation.z(), check.focal};
+  left_ = check.change.vector();
+  left_.y() = 0;
   ++changes_;
   return applyLeft(true);
 }
 
-Eigen::Vector3d RigWatch::turned() const {
-  return (T_right_left_ * calibrated_.T_right_left.inverse()).log().tail<3>();
+RigChange RigWatch::change() const {
+  return {(T_right_left_ * calibrated_.T_right_left.inverse()).log().tail<3>(), focal_, radial_};
 }
 
 double RigWatch::yawSigma() const {
@@ -196,12 +199,12 @@ double RigWatch::yawSigma() const {
 
 std::optional<std::string> RigWatch::warning() const {
   if (changes_ == 0) return std::nullopt;
-  return "the rig does not stand as it was calibrated: the map takes " + describeChange(turned(), focal_) +
+  return "the rig does not stand as it was calibrated: the map takes " + describeChange(change()) +
          "; fathom-topside check-calibration MISSION --mended stereo.calib makes the file for the next dive";
 }
 
 void RigWatch::apply(bool same) {
-  StereoRig turned = changed(calibrated_, Eigen::Vector3d::Zero(), focal_);
+  StereoRig turned = changed(calibrated_, {Eigen::Vector3d::Zero(), focal_, radial_});
   turned.T_right_left = T_right_left_;
   history_.add(withoutRangeError(turned, range_), same);
 }

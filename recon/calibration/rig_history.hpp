@@ -76,7 +76,7 @@ class RigHistory {
 
     static void exchange(auto& archive, auto& self) {
       archive(self.rig.T_right_left, self.rig.left.fx, self.rig.left.fy, self.rig.right.fx, self.rig.right.fy,
-              self.rig.right.cx, self.knocks);
+              self.rig.right.cx, self.rig.left.k1, self.rig.right.k1, self.knocks);
     }
   };
   void restore();
@@ -85,7 +85,7 @@ class RigHistory {
   std::vector<Version> versions_;
 };
 
-// Estimates the rig's turn and ratio of focal lengths pair after pair, in fixed memory, from epipolar errors
+// Estimates the rig's change (RigChange) pair after pair, in fixed memory, from epipolar errors
 // of matches. Matches are collected until they fill the view; checkEpipolar() of them is one measurement,
 // with its covariance, of the remaining error. The estimate is the information-weighted mean of all
 // measurements under a slow random walk, and the rig is corrected by it. A measurement beyond the gate shows
@@ -109,10 +109,8 @@ class RigWatch {
   [[nodiscard]] const StereoRig& rig() const { return history_.rig(history_.newest()); }
   // Earlier versions; once the history is full the rig does not change any more.
   [[nodiscard]] const RigHistory& history() const { return history_; }
-  // Total change: turn of the right camera about its x, y, z [rad], logarithm of right over left focal
-  // length; and the sum of correctRange().
-  [[nodiscard]] Eigen::Vector3d turned() const;
-  [[nodiscard]] double focal() const { return focal_; }
+  // Total change; and the sum of correctRange().
+  [[nodiscard]] RigChange change() const;
   [[nodiscard]] const RangeError& rangeCorrected() const { return range_; }
   // Standard deviation of the turn about y by epipolar lines [rad]; infinite before the first measurement.
   [[nodiscard]] double yawSigma() const;
@@ -129,8 +127,9 @@ class RigWatch {
 
   // For saved state.
   static void exchange(auto& archive, auto& self) {
-    archive(self.history_, self.T_right_left_, self.focal_, self.range_.scale, self.range_.per_metre,
-            self.changes_, self.measurements_, self.resets_, self.left_, self.known_, self.judged_off_);
+    archive(self.history_, self.T_right_left_, self.focal_, self.radial_, self.range_.scale,
+            self.range_.per_metre, self.changes_, self.measurements_, self.resets_, self.left_, self.known_,
+            self.judged_off_);
     archive.bounded(self.matches_, kToRefine);
     archive.bounded(self.judged_, kToRefine);
   }
@@ -142,13 +141,14 @@ class RigWatch {
   StereoRig calibrated_;
   RigHistory history_;
   SE3 T_right_left_;  // of rig(), without range_
-  double focal_ = 0;
+  double focal_ = 0, radial_ = 0;
   RangeError range_;
   std::uint64_t changes_ = 0, measurements_ = 0, resets_ = 0;
-  Eigen::Vector4d left_ = Eigen::Vector4d::Zero();   // estimated and not yet in rig()
-  Eigen::Matrix4d known_ = Eigen::Matrix4d::Zero();  // information of the estimate, as EpipolarCheck has it
-  std::vector<RigMatch> matches_, judged_;           // collected; of the newest measurement
-  Eigen::Vector4d judged_off_ = Eigen::Vector4d::Zero();  // change of rig() by judged_
+  RigChange::Vector left_ = RigChange::Vector::Zero();  // estimated and not yet in rig()
+  RigChange::Matrix known_ =
+      RigChange::Matrix::Zero();            // information of the estimate, as EpipolarCheck has it
+  std::vector<RigMatch> matches_, judged_;  // collected; of the newest measurement
+  RigChange::Vector judged_off_ = RigChange::Vector::Zero();  // change of rig() by judged_
 };
 
 }  // namespace fathom::calibration

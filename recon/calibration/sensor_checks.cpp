@@ -15,22 +15,26 @@ namespace {
 
 constexpr double kLeastSigma = 1e-3;  // floor of sigma, for perfect matches [px]
 
-// Rotation of the right camera [rad], and logarithm of its focal lengths over the left one's.
-using Change = Eigen::Vector4d;
+using Change = RigChange::Vector;
 
 // Epipolar residual of a match after `change` was applied to the rig [px], signed; `rays` are those of the
 // rig as it was calibrated.
 double errorOf(const StereoRig& rig, const RayPair& rays, const Change& change) {
   Vector6d twist = Vector6d::Zero();
   twist.tail<3>() = -change.head<3>();
-  const double half = std::exp(0.5 * change.w());
-  const auto scaleFocal = [](const Eigen::Vector3d& ray, double factor) -> Eigen::Vector3d {
-    return {ray.x() / factor, ray.y() / factor, ray.z()};
+  const RigChange by(change);
+  // A lens that is longer, or distorts more than it was thought to, saw the pixel nearer to its axis.
+  const auto seenBy = [](const Camera& lens, const Eigen::Vector3d& ray, double longer,
+                         double more) -> Eigen::Vector3d {
+    const Eigen::Vector2d at = ray.hnormalized();
+    const double r2 = at.squaredNorm(), stretch = 1 + r2 * (3 * lens.k1 + 5 * lens.k2 * r2);
+    return ((1 - more * r2 / stretch) / std::exp(longer) * at).homogeneous();
   };
-  Eigen::Vector3d line =
-      rig.T_right_left.translation().cross(rig.T_right_left.rotation() * scaleFocal(rays.left, 1 / half));
+  Eigen::Vector3d line = rig.T_right_left.translation().cross(
+      rig.T_right_left.rotation() * seenBy(rig.left, rays.left, -0.5 * by.focal, -0.5 * by.radial));
   line /= line.head<2>().norm() * (line.y() < 0 ? -1.0 : 1.0);
-  const Eigen::Vector3d ray = SE3::exp(twist).matrix3() * scaleFocal(rays.right, half);
+  const Eigen::Vector3d ray =
+      SE3::exp(twist).matrix3() * seenBy(rig.right, rays.right, 0.5 * by.focal, 0.5 * by.radial);
   return rig.right.fy * line.dot(ray) / ray.z();
 }
 
@@ -40,19 +44,20 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
   constexpr int kLinearised = 3, kWeighted = 8;
   constexpr double kStep = 1e-6, kEnough = 1e-8;  // [rad]
   // Standard deviations of a weak prior, for components that the matches do not determine.
-  constexpr double kPriorRotation = 0.05, kPriorLogFocal = 0.02;  // [rad], [1]
-  const Change prior = Change(1 / kPriorRotation, 1 / kPriorRotation, 1 / kPriorRotation, 1 / kPriorLogFocal)
-                           .array()
-                           .square();  // information
+  constexpr double kPriorRotation = 0.05, kPriorLogFocal = 0.02, kPriorRadial = 0.02;  // [rad], [1], [1]
+  const Change prior = RigChange(Eigen::Vector3d::Constant(kPriorRotation), kPriorLogFocal, kPriorRadial)
+                           .vector()
+                           .cwiseAbs2()
+                           .cwiseInverse();  // information
   double sigma = std::max(out.sigma, kLeastSigma);
   Change change = Change::Zero();
-  Eigen::Matrix4d information = prior.asDiagonal();
+  RigChange::Matrix information = prior.asDiagonal();
   std::vector<double> errors(rays.size()), left(rays.size());
   std::vector<Change> slopes(rays.size());
   for (int round = 0; round < kLinearised; ++round) {
     for (std::size_t k = 0; k < rays.size(); ++k) {
       errors[k] = errorOf(rig, rays[k], change);
-      for (int i = 0; i < 4; ++i)
+      for (int i = 0; i < RigChange::kParts; ++i)
         slopes[k](i) = (errorOf(rig, rays[k], change + kStep * Change::Unit(i)) - errors[k]) / kStep;
     }
     const Change start = change;
@@ -75,10 +80,8 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
   }
   const Change sigmas = information.inverse().diagonal().cwiseMax(0.0).cwiseSqrt();
   out.sigma_after = sigma;
-  out.rotation = change.head<3>();
-  out.rotation_sigma = sigmas.head<3>();
-  out.focal = change.w();
-  out.focal_sigma = sigmas.w();
+  out.change = RigChange(change);
+  out.change_sigma = RigChange(sigmas);
   out.information = information;
 }
 
@@ -268,7 +271,8 @@ EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& m
 }
 
 bool measuresRig(const EpipolarCheck& check, std::size_t fewest) {
-  return check.errors.size() >= fewest && check.sigma_after < kMostMedian;
+  constexpr double kShare = 1.0 / 3;  // left of how far matches were off, where images are poor
+  return check.errors.size() >= fewest && check.sigma_after < std::max(kMostMedian, kShare * check.worst());
 }
 
 bool explainsMove(const EpipolarCheck& check) {
@@ -279,22 +283,24 @@ bool hasMoved(const EpipolarCheck& check) {
   return std::abs(check.median) > kMostMedian || std::abs(check.worst_cell) > kMostCell;
 }
 
-std::string describeChange(const Eigen::Vector3d& rotation, double focal) {
-  const Eigen::Vector3d degrees = rotation.unaryExpr(&radiansToDegrees);
+std::string describeChange(const RigChange& change) {
+  const Eigen::Vector3d degrees = change.rotation.unaryExpr(&radiansToDegrees);
   return "the right camera as turned by pitch " + decimals(degrees.x(), 3) + ", yaw " +
          decimals(degrees.y(), 3) + ", roll " + decimals(degrees.z(), 3) + " deg, its focal lengths as " +
-         decimals(100 * focal, 2) + " % longer against the left one's";
+         decimals(100 * change.focal, 2) + " % longer and its distortion (k1) as " +
+         decimals(change.radial, 4) + " more against the left one's";
 }
 
-StereoRig changed(const StereoRig& rig, const Eigen::Vector3d& rotation, double focal) {
+StereoRig changed(const StereoRig& rig, const RigChange& change) {
   Vector6d twist = Vector6d::Zero();
-  twist.tail<3>() = rotation;
+  twist.tail<3>() = change.rotation;
   StereoRig out = rig;
   out.T_right_left = SE3::exp(twist) * rig.T_right_left;
   if (rig.left.port || rig.right.port) return out;
-  const double half = std::exp(0.5 * focal);
+  const double half = std::exp(0.5 * change.focal);
   out.left.fx /= half, out.left.fy /= half;
   out.right.fx *= half, out.right.fy *= half;
+  out.left.k1 -= 0.5 * change.radial, out.right.k1 += 0.5 * change.radial;
   return out;
 }
 

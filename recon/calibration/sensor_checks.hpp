@@ -15,6 +15,25 @@ namespace fathom::calibration {
 
 inline constexpr int kEpipolarColumns = 8, kEpipolarRows = 6;
 
+// How a rig differs from its calibration: the right camera turned about its own axes [rad]; its focal lengths
+// longer, as logarithm of right over left; its first radial coefficient (k1) greater, as right less left.
+struct RigChange {
+  static constexpr int kParts = 5;
+  using Vector = Eigen::Matrix<double, kParts, 1>;  // in this order
+  using Matrix = Eigen::Matrix<double, kParts, kParts>;
+
+  RigChange() = default;
+  RigChange(const Eigen::Vector3d& turned, double longer, double more)
+      : rotation(turned), focal(longer), radial(more) {}
+  explicit RigChange(const Vector& v) : rotation(v.head<3>()), focal(v(3)), radial(v(4)) {}
+  [[nodiscard]] Vector vector() const { return (Vector() << rotation, focal, radial).finished(); }
+
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();
+  double focal = 0, radial = 0;
+
+  static void exchange(auto& archive, auto& self) { archive(self.rotation, self.focal, self.radial); }
+};
+
 struct EpipolarCheck {
   std::vector<double> errors;  // of each match, signed [px]
   double median = 0;           // [px]
@@ -26,15 +45,12 @@ struct EpipolarCheck {
   std::vector<Cell> cells;  // kEpipolarRows x kEpipolarColumns, row after row
   double worst_cell = 0;    // largest |median| of a cell with enough matches [px]
   int worst_column = 0, worst_row = 0;
-  // Rotation of the right camera from its calibration, about its own x, y and z, that fits the errors best.
-  // About y (towards the left camera) it hardly moves epipolar lines: see rotation_sigma.
-  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();        // [rad]
-  Eigen::Vector3d rotation_sigma = Eigen::Vector3d::Zero();  // [rad]
-  // Relative growth of the right camera's focal lengths over the left one's.
-  double focal = 0, focal_sigma = 0;
-  double sigma_after = 0;  // of one match after correction by these [px]
-  // Of rotation and focal together: inverse covariance for independent matches.
-  Eigen::Matrix4d information = Eigen::Matrix4d::Zero();
+  // What fits the errors best. A turn about y (towards the left camera) hardly moves epipolar lines: see
+  // change_sigma.
+  RigChange change, change_sigma;
+  double sigma_after = 0;  // of one match after correction by it [px]
+  // Of change.vector(): inverse covariance for independent matches.
+  RigChange::Matrix information = RigChange::Matrix::Zero();
 
   // In the worst part of the image, or of all [px].
   [[nodiscard]] double worst() const { return std::max(std::abs(median), std::abs(worst_cell)); }
@@ -54,19 +70,19 @@ inline constexpr std::size_t kEnoughInCell = 30;
 // their epipolar line: half of that leaves room for its own noise.
 inline constexpr double kMostMedian = 0.5, kMostCell = 0.75;  // [px]
 [[nodiscard]] bool hasMoved(const EpipolarCheck& check);
-// Whether it has, and `rotation` and `focal` explain the errors: enough matches, which come to their lines.
+// Whether it has, and `change` explains the errors: enough matches, which come to their lines.
 [[nodiscard]] bool explainsMove(const EpipolarCheck& check);
 
-// Whether `rotation` and `focal` are measured, large or small: enough matches, which come to their lines.
+// Whether `change` is measured, large or small: enough matches, which come to their lines.
 inline constexpr std::size_t kFewestMatches = 500;
 [[nodiscard]] bool measuresRig(const EpipolarCheck& check, std::size_t fewest = kFewestMatches);
 
-// changed()'s arguments in words: "the right camera as turned by pitch ..., its focal lengths as ... longer".
-[[nodiscard]] std::string describeChange(const Eigen::Vector3d& rotation, double focal);
+// In words: "the right camera as turned by pitch ..., its focal lengths as ... longer".
+[[nodiscard]] std::string describeChange(const RigChange& change);
 
-// The rig with its right camera turned about its own axes [rad] and longer focal lengths (`focal`: logarithm
-// of right over left), by half in each camera. Flat ports keep theirs.
-[[nodiscard]] StereoRig changed(const StereoRig& rig, const Eigen::Vector3d& rotation, double focal);
+// The rig with its right camera turned, and focal lengths and distortion changed by half in each camera. Flat
+// ports keep theirs.
+[[nodiscard]] StereoRig changed(const StereoRig& rig, const RigChange& change);
 
 // Robust weight of a residual, given in standard deviations: Cauchy's, 95 % efficient for a Gaussian (Holland
 // and Welsch 1977).

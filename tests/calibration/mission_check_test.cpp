@@ -106,8 +106,9 @@ TEST(MissionCheck, ARightCameraPitchedByThreeTenthsOfADegreeIsNoticedAndMeasured
   const MissionVerdict verdict = judge(check);
   EXPECT_FALSE(verdict.good);
   EXPECT_TRUE(isBad(verdict, "the rig has moved")) << textOf(verdict);
-  EXPECT_NEAR(check.epipolar.rotation.x() / kRadiansPerDegree, -0.3, 0.02);  // back to where it truly stands
-  EXPECT_NEAR(check.epipolar.rotation.z() / kRadiansPerDegree, 0, 0.05);
+  EXPECT_NEAR(check.epipolar.change.rotation.x() / kRadiansPerDegree, -0.3,
+              0.02);  // back to where it truly stands
+  EXPECT_NEAR(check.epipolar.change.rotation.z() / kRadiansPerDegree, 0, 0.05);
 }
 
 TEST(MissionCheck, AFocalLengthFivePerCentTooLongIsNoticedAndMeasured) {

@@ -45,7 +45,7 @@ TEST(EpipolarCheck, OfTheTrueRigIsTheMatchesNoise) {
   EXPECT_NEAR(check.median, 0, 0.01);
   EXPECT_NEAR(check.sigma, 0.1, 0.04);  // a fifth of wrong matches widens it
   EXPECT_LT(std::abs(check.worst_cell), 0.08);
-  EXPECT_LT(check.rotation.norm(), 0.05 * kRadiansPerDegree);
+  EXPECT_LT(check.change.rotation.norm(), 0.05 * kRadiansPerDegree);
 }
 
 TEST(EpipolarCheck, ErrorsArePositiveWhereTheMatchIsBelowItsLine) {
@@ -64,11 +64,27 @@ TEST(EpipolarCheck, ATurnedCameraIsMeasuredAboutEachAxis) {
     // The rig was calibrated turned: the camera is now turned in the opposite direction.
     const EpipolarCheck check = checkEpipolar(withRightTurned(truth, turn), matches);
     for (int i = 0; i < 3; ++i)
-      EXPECT_NEAR(check.rotation(i) / kRadiansPerDegree, -turn(i),
-                  0.01 + 4 * check.rotation_sigma(i) / kRadiansPerDegree)
+      EXPECT_NEAR(check.change.rotation(i) / kRadiansPerDegree, -turn(i),
+                  0.01 + 4 * check.change_sigma.rotation(i) / kRadiansPerDegree)
           << turn.transpose();
     EXPECT_LT(check.sigma_after, 0.2);
   }
+}
+
+// Poor images place matches to more than half a pixel: a turn that is several times that is still measured,
+// a lesser one is not, nor is one made up from matches that have nothing in common.
+TEST(EpipolarCheck, ALargeTurnIsMeasuredByPoorMatchesToo) {
+  const StereoRig truth = test::syntheticRig();
+  const auto poor = syntheticMatches(truth, 4000, 0.55);
+  const EpipolarCheck turned = checkEpipolar(withRightTurned(truth, {0.2, 0, 0.1}), poor);
+  EXPECT_GT(turned.sigma_after, kMostMedian);
+  EXPECT_TRUE(explainsMove(turned));
+  EXPECT_NEAR(turned.change.rotation.x() / kRadiansPerDegree, -0.2, 0.02);
+  EXPECT_FALSE(measuresRig(checkEpipolar(withRightTurned(truth, {0.03, 0, 0}), poor)));
+  std::vector<RigMatch> random = poor;
+  for (std::size_t k = 0; k < random.size(); ++k)
+    random[k].right = poor[(k * 1237 + 611) % poor.size()].right;
+  EXPECT_FALSE(measuresRig(checkEpipolar(truth, random)));
 }
 
 TEST(EpipolarCheck, FocalLengthsThatDifferAreSeparatedFromATurn) {
@@ -80,8 +96,8 @@ TEST(EpipolarCheck, FocalLengthsThatDifferAreSeparatedFromATurn) {
   nominal.right.fx *= 0.997, nominal.right.fy *= 0.997;
   const EpipolarCheck check = checkEpipolar(nominal, matches);
   EXPECT_TRUE(hasMoved(check));
-  EXPECT_NEAR(check.focal, 0.006, 0.0006);
-  const StereoRig corrected = changed(nominal, check.rotation, check.focal);
+  EXPECT_NEAR(check.change.focal, 0.006, 0.0006);
+  const StereoRig corrected = changed(nominal, check.change);
   EXPECT_FALSE(hasMoved(checkEpipolar(corrected, matches)));
   for (const auto& [a, b] : {std::pair(&corrected.left, &truth.left), {&corrected.right, &truth.right}})
     EXPECT_NEAR(a->fx, b->fx, 0.001 * b->fx);
@@ -89,6 +105,30 @@ TEST(EpipolarCheck, FocalLengthsThatDifferAreSeparatedFromATurn) {
       corrected.T_right_left.rotation().angularDistance(truth.T_right_left.rotation()) / kRadiansPerDegree,
       0.06);
   EXPECT_NEAR(corrected.baseline(), truth.baseline(), 1e-12);
+}
+
+// Lenses that distort otherwise than they were calibrated to, one more and one less, bend the ground.
+TEST(EpipolarCheck, LensesThatDistortDifferentlyAreMeasured) {
+  const StereoRig truth = test::syntheticRig();
+  const auto matches = syntheticMatches(truth, 4000, 0.15);
+  StereoRig nominal = withRightTurned(truth, {0.1, 0, 0.05});
+  nominal.left.k1 += 0.01, nominal.right.k1 -= 0.01;
+  nominal.left.fx *= 1.001, nominal.left.fy *= 1.001;
+  const EpipolarCheck check = checkEpipolar(nominal, matches);
+  EXPECT_TRUE(explainsMove(check));
+  EXPECT_NEAR(check.change.radial, 0.02, 0.002);
+  EXPECT_NEAR(check.change.radial, 0.02, 8 * check.change_sigma.radial);
+  // How far level ground is off a plane, by points of a grid over the view [m].
+  const auto bent = [&](const StereoRig& rig) {
+    std::vector<double> off;
+    for (const double x : {-0.3, -0.15, 0.0, 0.15, 0.3})
+      for (const double y : {-0.25, 0.0, 0.25})
+        off.push_back(retriangulated(truth, rig, {2 * x, 2 * y, 2}).z());
+    const auto [low, high] = std::ranges::minmax(off);
+    return high - low;
+  };
+  EXPECT_GT(bent(nominal), 0.03);
+  EXPECT_LT(bent(changed(nominal, check.change)), 0.01);
 }
 
 int changesBy(RigWatch& watch, const std::vector<RigMatch>& matches) {
@@ -138,7 +178,8 @@ TEST(RigWatch, ATurnAboutAnyAxisIsCorrectedWithinTheAccuracyOfTheMatches) {
     for (int axis = 0; axis < 3; ++axis) {
       RigWatch watch(withRightTurned(truth, degrees * Eigen::Vector3d::Unit(axis)));
       (void)changesBy(watch, matches);
-      EXPECT_NEAR(watch.turned()(axis) / kRadiansPerDegree, -degrees, 0.012) << degrees << " about " << axis;
+      EXPECT_NEAR(watch.change().rotation(axis) / kRadiansPerDegree, -degrees, 0.012)
+          << degrees << " about " << axis;
       EXPECT_NEAR(rangeErrorOf(watch.rig(), truth), 0, 0.006) << degrees << " about " << axis;
       EXPECT_LT(watch.yawSigma() / kRadiansPerDegree, 0.02);
       EXPECT_EQ(watch.history().best(0), watch.history().newest()) << "unchanged from the start";
@@ -169,7 +210,7 @@ TEST(RigWatch, FollowsARigThatIsKnocked) {
     EXPECT_GE(changesBy(watch, after), 1);
     EXPECT_EQ(watch.resets(), 2u);
     EXPECT_EQ(watch.changes(), turn.x() > 0 ? 1u : 0u);
-    EXPECT_LT((watch.turned() / kRadiansPerDegree - turn).norm(), 0.01);
+    EXPECT_LT((watch.change().rotation / kRadiansPerDegree - turn).norm(), 0.01);
     EXPECT_EQ(watch.history().best(stood), stood) << "the rig differed at that time";
   }
 }

@@ -323,5 +323,27 @@ TEST(Mounting, PathsOfImagesAreSeenToBeTooLong) {
   EXPECT_LT(squares, 25.2);
 }
 
+// The arm to a DVL that swings about the camera is as long as it is, whatever the images take paths for.
+TEST(Mounting, PathsThroughTurnsSayTheSame) {
+  constexpr double kTooLong = 0.03;
+  const Eigen::Vector3d dvl_in_camera(0.3, -0.5, 0.1);
+  for (const double turn : {0.0, 0.15, -0.15}) {  // each step [rad]
+    std::vector<KeyframeInput> inputs(20);
+    std::vector<NavigationLink> links;
+    for (std::size_t k = 0; k < inputs.size(); ++k) {
+      inputs[k].utc_ns = static_cast<std::int64_t>(k) * 500'000'000;
+      if (k == 0) continue;
+      const SE3 step = SE3::fromEuler(0, 0, turn, {0.25, 0.02, 0.01});
+      inputs[k].T_odom_cam = inputs[k - 1].T_odom_cam * step;
+      NavigationLink link;
+      link.a = static_cast<std::uint32_t>(k - 1), link.b = static_cast<std::uint32_t>(k);
+      link.T_a_b = SE3(step.rotation(), (1 + kTooLong) * step.translation());
+      link.covariance = 1e-6 * Matrix6d::Identity();
+      links.push_back(link);
+    }
+    EXPECT_NEAR(pathScaleOf(inputs, links, dvl_in_camera, {}).longer, std::log1p(kTooLong), 1e-6) << turn;
+  }
+}
+
 }  // namespace
 }  // namespace fathom::slam

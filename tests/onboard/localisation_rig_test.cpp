@@ -63,7 +63,7 @@ TEST(LocalisationCore, StepsFromBeforeTheRigWasMeasuredAreEstimatedAgain) {
   constexpr std::size_t kMeasured = 12;
   SyntheticSurvey dive = syntheticSurvey();
   dive.frames.resize(4 * kMeasured);
-  const StereoRig rig = dive.rig, wrong = calibration::changed(rig, Eigen::Vector3d(0.002, 0, 0.002), 0.003);
+  const StereoRig rig = dive.rig, wrong = calibration::changed(rig, {{0.002, 0, 0.002}, 0.003, 0});
   const DiveThroughAWrongRig localised(std::move(dive), wrong, kMeasured, [&](LocalisationCore& core) {
     core.setRig(rig, Eigen::Vector2d::Zero());
     core.resetRig(1e-4, 0, false);
@@ -93,7 +93,7 @@ TEST(LocalisationCore, AYawThatAllStepsShareIsTakenOutOfThemAll) {
   const auto turned = [](double spin) {
     SyntheticSurvey dive = syntheticSurvey();
     dive.fixes.clear();
-    const StereoRig wrong = calibration::changed(dive.rig, Eigen::Vector3d::Zero(), 1e-3);
+    const StereoRig wrong = calibration::changed(dive.rig, {Eigen::Vector3d::Zero(), 1e-3, 0});
     const std::size_t never = dive.frames.size();
     LocalisationConfig config = testing::smallLocalisation();
     config.graph.rig.spin = spin;

@@ -140,7 +140,7 @@ ReplayOptions withTurnedRig(const std::filesystem::path& folder, const Eigen::Ve
   for (const char* name : {"img", "mission.toml", "sensors.lcmlog", "truth"})
     std::filesystem::create_symlink(kMission / name, mission / name);
   writeStereoCalib(mission / "stereo.calib",
-                   calibration::changed(readStereoCalib(kMission / "stereo.calib"), turned, focal));
+                   calibration::changed(readStereoCalib(kMission / "stereo.calib"), {turned, focal, 0}));
   ReplayOptions options = into(folder / "out");
   options.mission = mission;
   return options;

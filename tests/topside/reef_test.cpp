@@ -161,7 +161,7 @@ TEST_F(ReefQuick, ARigThatHasMovedSinceItWasCalibratedGivesTheSameMap) {
     std::filesystem::create_symlink(kReefMission / name, mission / name);
   StereoRig rig = readStereoCalib(kReefMission / "stereo.calib");
   constexpr double kTurned = degreesToRadians(0.2);
-  writeStereoCalib(mission / "stereo.calib", calibration::changed(rig, {kTurned, 0, 0}, 0.006));
+  writeStereoCalib(mission / "stereo.calib", calibration::changed(rig, {{kTurned, 0, 0}, 0.006, 0}));
   const Summary knocked = runTopside(mission, mission / "topside", {});
   EXPECT_EQ(knocked.used, done_.used);
   EXPECT_NEAR(knocked.area, done_.area, 0.03 * done_.area);

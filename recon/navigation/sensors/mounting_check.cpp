@@ -141,10 +141,16 @@ PathScale pathScaleOf(const std::vector<KeyframeInput>& frames, std::span<const 
     const KeyframeInput &a = frames[link.a], &b = frames[link.b];
     if (!link.ofChain() || !link.kept || !isMeasured(a) || !isMeasured(b) || b.unlocked_s > 0) continue;
     const SE3 by_dvl = a.T_odom_cam.inverse() * b.T_odom_cam;
-    const Eigen::Vector3d seen = link.T_a_b * dvl_in_camera - dvl_in_camera,
-                          reckoned = by_dvl * dvl_in_camera - dvl_in_camera;
-    const double path = reckoned.norm();
+    const Eigen::Vector3d &camera = link.T_a_b.translation(),
+                          arm = link.T_a_b.rotation() * dvl_in_camera - dvl_in_camera, seen = camera + arm;
+    const double path = (by_dvl * dvl_in_camera - dvl_in_camera).norm();
     if (path < kLeastPath || seen.norm() < kLeastPath) continue;
+    // The camera's path times s, with the arm that turns, is as long as the DVL's.
+    const double forward = camera.dot(arm), square = camera.squaredNorm(),
+                 root2 = forward * forward + square * (path * path - arm.squaredNorm());
+    if (root2 <= 0) continue;
+    const double root = std::sqrt(root2), s = (root - forward) / square;
+    if (s <= 0) continue;
     const Matrix6d at_dvl = perturbationAt(dvl_in_camera);
     const Eigen::Matrix3d spread = (at_dvl * link.covariance * at_dvl.transpose()).topLeftCorner<3, 3>();
     const Eigen::Vector3d along_in_b = link.T_a_b.rotation().conjugate() * seen.normalized();
@@ -154,7 +160,7 @@ PathScale pathScaleOf(const std::vector<KeyframeInput>& frames, std::span<const 
                                    noise.dvl_rate);
     const double sigma = std::hypot(std::sqrt(std::max(0.0, along_in_b.dot(spread * along_in_b))), white,
                                     noise.dvl_place * turn);
-    steps.push_back({std::log(seen.norm() / path), sigma / path});
+    steps.push_back({-std::log(s), sigma * path / (s * root)});  // d log s = path d path / (s root)
   }
   PathScale out;
   out.steps = static_cast<int>(steps.size());

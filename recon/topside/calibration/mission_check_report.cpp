@@ -40,9 +40,11 @@ void judgeEpipolar(const MissionCheck& check, MissionVerdict& out) {
     text += ": the rig has moved; calibrate again. A right camera turned by";
     const char* const names[3] = {" pitch ", ", yaw ", ", roll "};
     for (int i = 0; i < 3; ++i)
-      text += names[i] + pm(kDegreesPerRadian * e.rotation(i), kDegreesPerRadian * e.rotation_sigma(i), 4);
-    text += " deg, with focal lengths " + pm(100 * e.focal, 100 * e.focal_sigma, 3) +
-            " % longer against the left one's, would explain it, but for " + decimals(e.sigma_after, 2) +
+      text += names[i] +
+              pm(kDegreesPerRadian * e.change.rotation(i), kDegreesPerRadian * e.change_sigma.rotation(i), 4);
+    text += " deg, with focal lengths " + pm(100 * e.change.focal, 100 * e.change_sigma.focal, 3) +
+            " % longer and distortion (k1) " + pm(e.change.radial, e.change_sigma.radial, 4) +
+            " more against the left one's, would explain it, but for " + decimals(e.sigma_after, 2) +
             " px a match";
   }
   out.lines.push_back({bad ? Kind::kBad : Kind::kGood, text});
@@ -156,8 +158,8 @@ Fields epipolarFields(const calibration::EpipolarCheck& e) {
   std::vector<Fields> cells;
   for (const auto& cell : e.cells) cells.push_back({{"median_px", cell.median}, {"matches", cell.matches}});
   const auto turned = [&](int axis) {
-    return web::plusMinus(kDegreesPerRadian * e.rotation(axis), kDegreesPerRadian * e.rotation_sigma(axis),
-                          4);
+    return web::plusMinus(kDegreesPerRadian * e.change.rotation(axis),
+                          kDegreesPerRadian * e.change_sigma.rotation(axis), 4);
   };
   return {{"median_px", e.median},
           {"sigma_px", e.sigma},
@@ -165,12 +167,14 @@ Fields epipolarFields(const calibration::EpipolarCheck& e) {
           {"columns", calibration::kEpipolarColumns},
           {"rows", calibration::kEpipolarRows},
           {"cells", web::jsonOf(cells)},
-          {"right_turned_deg", web::jsonOf(kDegreesPerRadian * e.rotation),
+          {"right_turned_deg", web::jsonOf(kDegreesPerRadian * e.change.rotation),
            "right camera turned as explains the pattern best: pitch, yaw, roll (about its x, y, z) [deg]",
            turned(0) + ", " + turned(1) + ", " + turned(2)},
-          {"right_turned_sigma_deg", web::jsonOf(kDegreesPerRadian * e.rotation_sigma)},
-          {"right_focal_longer", e.focal},
-          {"right_focal_sigma", e.focal_sigma},
+          {"right_turned_sigma_deg", web::jsonOf(kDegreesPerRadian * e.change_sigma.rotation)},
+          {"right_focal_longer", e.change.focal},
+          {"right_focal_sigma", e.change_sigma.focal},
+          {"right_k1_more", e.change.radial},
+          {"right_k1_sigma", e.change_sigma.radial},
           {"sigma_after_px", e.sigma_after, "which leaves of a match [px]", 3}};
 }
 

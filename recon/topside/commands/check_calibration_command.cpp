@@ -79,8 +79,7 @@ int checkOnMission(const CheckOptions& options) {
     std::printf("report: %s\n", (options.out / "mission-check.html").c_str());
   }
   if (!options.corrected.empty()) {
-    writeStereoCalib(options.corrected,
-                     calibration::changed(check.rig, check.epipolar.rotation, check.epipolar.focal));
+    writeStereoCalib(options.corrected, calibration::changed(check.rig, check.epipolar.change));
     std::printf("corrected calibration: %s\n", options.corrected.c_str());
   }
   return verdict.good ? kExitSuccess : kExitFailedWork;

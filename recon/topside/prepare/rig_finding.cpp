@@ -57,16 +57,17 @@ std::vector<RigMatch> matchesOfDive(const MissionInput& input, const Survey& sur
   return matches;
 }
 
-// The turn and focal lengths that are left of the rig as it was found so far, into what was found.
-void addTurn(const calibration::EpipolarCheck& check, RigFinding& out) {
+// What is left of the rig's change after what was found so far, into what was found.
+void addChange(const calibration::EpipolarCheck& check, RigFinding& out) {
   Vector6d more = Vector6d::Zero(), before = more;
-  more.tail<3>() = check.rotation;
-  before.tail<3>() = out.rotation;
-  out.rotation = (SE3::exp(more) * SE3::exp(before)).log().tail<3>();
-  out.focal += check.focal;
+  more.tail<3>() = check.change.rotation;
+  before.tail<3>() = out.change.rotation;
+  out.change.rotation = (SE3::exp(more) * SE3::exp(before)).log().tail<3>();
+  out.change.focal += check.change.focal;
+  out.change.radial += check.change.radial;
   out.after = check.sigma_after;
   constexpr double kShared = 2;  // neighbouring matches share errors
-  out.yaw_sigma = kShared * check.rotation_sigma.y();
+  out.yaw_sigma = kShared * check.change_sigma.rotation.y();
 }
 
 // Two pairs with a path between them that dead reckoning knows well.
@@ -127,6 +128,13 @@ std::vector<Run> stepRunsOf(std::size_t steps) {
   return out;
 }
 
+// Between both cameras' principal points along the baseline [rad]: matches are off their epipolar lines by
+// what is wrong across it, and what is wrong along it, which they do not show, is not better known.
+double principalPointSigma(const StereoRig& rig, const RigFinding& found) {
+  constexpr double kAlong = 0.5;  // of what is wrong across (combined disturbances, 18 simulated dives)
+  return std::hypot(slam::RigPrior().principal_point, kAlong * found.before / rig.left.fx);
+}
+
 double rangeOf(const closure::FrameFeatures& features) {
   std::vector<double> z;
   for (const closure::Feature& f : features.features) z.push_back(static_cast<double>(f.point.z()));
@@ -164,6 +172,7 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   slam::RigPrior prior = config.navigation.rig;
   prior.baseline = turned.rig.baseline();
   prior.turn = out.yaw_sigma;
+  prior.principal_point = principalPointSigma(input.rig, out);
   slam::DvlCalibration steps_of_dvl(
       config.navigation.noise, input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
       prior);
@@ -208,7 +217,7 @@ RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const
   out.after = check.sigma_after;
   out.moved = calibration::explainsMove(check);
   for (int round = 0; round < kRounds; ++round) {
-    if (calibration::measuresRig(check)) addTurn(check, out);
+    if (calibration::measuresRig(check)) addChange(check, out);
     if (!input.navigated || !addRange(input, config, survey, models, out)) break;
     check = calibration::checkEpipolar(rigAsFound(input.rig, out), matches);
   }
@@ -216,7 +225,7 @@ RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const
 }
 
 StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found) {
-  return calibration::withoutRangeError(calibration::changed(rig, found.rotation, found.focal), found.range);
+  return calibration::withoutRangeError(calibration::changed(rig, found.change), found.range);
 }
 
 slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
@@ -228,6 +237,7 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
   prior.baseline = rig.baseline();
   prior.uneven = std::hypot(kLeast, kLeft * found.before);
   prior.turn = found.yaw_sigma;
+  prior.principal_point = principalPointSigma(rig, found);
   if (found.steps == 0) return prior;
   prior.scale = found.range_sigma;
   prior.principal_point = prior.turn = 0;
@@ -237,9 +247,8 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
 std::optional<std::string> warningOf(const RigFinding& found) {
   if (!found.moved) return std::nullopt;
   return "The rig does not stand as it was calibrated: matches are up to " + decimals(found.before, 1) +
-         " px off their epipolar lines. This run takes " +
-         calibration::describeChange(found.rotation, found.focal) + ", which leaves " +
-         decimals(found.after, 2) + " px a match. Calibrate again.";
+         " px off their epipolar lines. This run takes " + calibration::describeChange(found.change) +
+         ", which leaves " + decimals(found.after, 2) + " px a match. Calibrate again.";
 }
 
 }  // namespace fathom::topside

@@ -13,26 +13,25 @@
 
 namespace fathom::topside {
 
-// How the rig stands in this dive against how it was calibrated: its turn and focal lengths by matches that
-// are found without its help, as far from their epipolar lines as they are; what these do not show, a
-// baseline or principal points that are wrong, by paths between pairs as visual odometry and the DVL measure
-// them, weighed by what is known of both beforehand (slam::DvlCalibration).
+// How the rig stands in this dive against how it was calibrated: its turn, focal lengths and
+// distortion by matches that are found without its help, as far from their epipolar lines as they are; what
+// these do not show, a baseline or principal points that are wrong, by paths between pairs as visual odometry
+// and the DVL measure them, weighed by what is known of both beforehand (slam::DvlCalibration).
 struct RigFinding {
   std::uint64_t matches = 0;
   double before = 0,
          after = 0;  // worst part of the image, and of one match when what is below is taken out [px]
   bool moved = false;
-  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();  // of the right camera about its x, y, z [rad]
-  double focal = 0;                                    // right over left, logarithm
-  double yaw_sigma = 0;                                // of rotation.y [rad]
-  std::uint64_t steps = 0;                             // paths that both measured
-  calibration::RangeError range;                       // of the rig turned so
-  double range_sigma = 0;                              // of that at the dive's median range [1]
+  calibration::RigChange change;
+  double yaw_sigma = 0;           // of change.rotation.y [rad]
+  std::uint64_t steps = 0;        // paths that both measured
+  calibration::RangeError range;  // of the rig changed so
+  double range_sigma = 0;         // of that at the dive's median range [1]
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.matches, self.before, self.after, self.moved, self.rotation, self.focal, self.yaw_sigma,
-            self.steps, self.range.scale, self.range.per_metre, self.range_sigma);
+    archive(self.matches, self.before, self.after, self.moved, self.change, self.yaw_sigma, self.steps,
+            self.range.scale, self.range.per_metre, self.range_sigma);
   }
 };
 
