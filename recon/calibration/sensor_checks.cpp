@@ -14,6 +14,7 @@ namespace fathom::calibration {
 namespace {
 
 constexpr double kLeastSigma = 1e-3;  // floor of sigma, for perfect matches [px]
+constexpr double kLeft = 0.5;         // of how far matches were off, at most, when they come to their lines
 
 using Change = RigChange::Vector;
 
@@ -40,12 +41,13 @@ double errorOf(const StereoRig& rig, const RayPair& rays, const Change& change) 
 
 // Gauss-Newton of our own, because it runs on board, where a replay must give the same bits. The residuals
 // are almost linear in the change, so the inner loop over weights keeps the derivatives of the outer one.
-void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarCheck& out) {
+void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, double prior_radial,
+               EpipolarCheck& out) {
   constexpr int kLinearised = 3, kWeighted = 8;
   constexpr double kStep = 1e-6, kEnough = 1e-8;  // [rad]
   // Standard deviations of a weak prior, for components that the matches do not determine.
-  constexpr double kPriorRotation = 0.05, kPriorLogFocal = 0.02, kPriorRadial = 0.02;  // [rad], [1], [1]
-  const Change prior = RigChange(Eigen::Vector3d::Constant(kPriorRotation), kPriorLogFocal, kPriorRadial)
+  constexpr double kPriorRotation = 0.05, kPriorLogFocal = 0.02;  // [rad], [1]
+  const Change prior = RigChange(Eigen::Vector3d::Constant(kPriorRotation), kPriorLogFocal, prior_radial)
                            .vector()
                            .cwiseAbs2()
                            .cwiseInverse();  // information
@@ -83,6 +85,17 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, EpipolarC
   out.change = RigChange(change);
   out.change_sigma = RigChange(sigmas);
   out.information = information;
+}
+
+// Whether a difference in distortion shows beyond chance and beyond the errors that matches share: by how it
+// moves lines at the image's corner [px].
+bool bendsClearly(const StereoRig& rig, const EpipolarCheck& check) {
+  constexpr double kLeast = 0.25, kSigmas = 6;
+  const Camera& lens = rig.left;
+  const Eigen::Vector2d corner(0.5 * lens.width / lens.fx, 0.5 * lens.height / lens.fy);
+  const double radial = std::abs(check.change.radial);
+  return lens.fy * corner.y() * corner.squaredNorm() * radial > kLeast &&
+         radial > kSigmas * check.change_sigma.radial;
 }
 
 constexpr std::size_t kFewest = 8;      // samples of ranges, or steps of motion
@@ -266,17 +279,18 @@ EpipolarCheck checkEpipolar(const StereoRig& rig, const std::vector<RigMatch>& m
     out.worst_column = static_cast<int>(c) % kEpipolarColumns;
     out.worst_row = static_cast<int>(c) / kEpipolarColumns;
   }
-  fitChange(rig, rays, out);
+  constexpr double kPriorRadial = 0.02, kAsCalibrated = 1e-9;
+  fitChange(rig, rays, kPriorRadial, out);
+  if (!bendsClearly(rig, out)) fitChange(rig, rays, kAsCalibrated, out);
   return out;
 }
 
 bool measuresRig(const EpipolarCheck& check, std::size_t fewest) {
-  constexpr double kShare = 1.0 / 3;  // left of how far matches were off, where images are poor
-  return check.errors.size() >= fewest && check.sigma_after < std::max(kMostMedian, kShare * check.worst());
+  return check.errors.size() >= fewest && check.sigma_after < std::max(kMostMedian, kLeft * check.worst());
 }
 
 bool explainsMove(const EpipolarCheck& check) {
-  return measuresRig(check) && hasMoved(check) && check.sigma_after < 0.5 * check.worst();
+  return measuresRig(check) && hasMoved(check) && check.sigma_after < kLeft * check.worst();
 }
 
 bool hasMoved(const EpipolarCheck& check) {

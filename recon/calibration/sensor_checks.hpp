@@ -45,8 +45,8 @@ struct EpipolarCheck {
   std::vector<Cell> cells;  // kEpipolarRows x kEpipolarColumns, row after row
   double worst_cell = 0;    // largest |median| of a cell with enough matches [px]
   int worst_column = 0, worst_row = 0;
-  // What fits the errors best. A turn about y (towards the left camera) hardly moves epipolar lines: see
-  // change_sigma.
+  // What fits the errors best; no difference in distortion unless it shows clearly. A turn about y (towards
+  // the left camera) hardly moves epipolar lines: see change_sigma.
   RigChange change, change_sigma;
   double sigma_after = 0;  // of one match after correction by it [px]
   // Of change.vector(): inverse covariance for independent matches.

@@ -12,7 +12,7 @@ namespace fathom::rt {
 struct MemoryConfig {
   std::size_t budget_bytes = std::size_t{768} << 20;       // of the whole program
   std::size_t heap_bytes = std::size_t{72} << 20;          // for what libraries and the soft tier allocate
-  std::size_t vehicle_heap_bytes = std::size_t{24} << 20;  // of the vehicle process, for devices and reports
+  std::size_t vehicle_heap_bytes = std::size_t{20} << 20;  // of the vehicle process, for devices and reports
 };
 
 // Its keys; the heap is smaller than the budget.
