@@ -88,9 +88,10 @@ void fitChange(const StereoRig& rig, const std::vector<RayPair>& rays, double pr
 }
 
 // Whether a difference in distortion shows beyond chance and beyond the errors that matches share: by how it
-// moves lines at the image's corner [px].
+// moves lines at the image's corner [px]. Behind flat ports distortion stays as it is (changed()).
 bool bendsClearly(const StereoRig& rig, const EpipolarCheck& check) {
   constexpr double kLeast = 0.25, kSigmas = 6;
+  if (rig.left.port || rig.right.port) return false;
   const Camera& lens = rig.left;
   const Eigen::Vector2d corner(0.5 * lens.width / lens.fx, 0.5 * lens.height / lens.fy);
   const double radial = std::abs(check.change.radial);
