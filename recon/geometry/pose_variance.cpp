@@ -8,6 +8,7 @@
 namespace fathom {
 
 void addPoseVariance(std::span<const UncertainView> views, Mesh& mesh) {
+  if (views.empty()) return;
   const auto north = [&mesh](std::uint32_t v) { return static_cast<double>(mesh.vertices[v].x()); };
   std::vector<std::uint32_t> northward(mesh.vertices.size());
   std::iota(northward.begin(), northward.end(), 0U);

@@ -21,7 +21,8 @@ double sigmaUnder(std::uint32_t pair) {
   mesh.normals.assign(3, {0, 0, -1});
   mesh.sigma.assign(3, static_cast<float>(kSurface));
   mesh.triangles.push_back({0, 1, 2});
-  PoseDoubt(uncertain).addTo(mesh, {pair}, level, std::vector<fusion::MeshFootprint>(4, {{-1, -1, 1, 1}}));
+  const std::vector<fusion::MeshFootprint> wide(4, {{-1, -1, 1, 1}});
+  addPoseVariance(PoseDoubt(uncertain).viewsOf({pair}, level, wide), mesh);
   return static_cast<double>(mesh.sigma[0]);
 }
 
@@ -36,7 +37,7 @@ TEST(PoseDoubt, OfPosesThatAreGivenIsNotAdded) {
   mesh.vertices = {{0, 0, 20}};
   mesh.normals = {{0, 0, -1}};
   mesh.sigma = {static_cast<float>(kSurface)};
-  PoseDoubt().addTo(mesh, {0}, {SE3()}, {{{-1, -1, 1, 1}}});
+  addPoseVariance(PoseDoubt().viewsOf({0}, {SE3()}, {{{-1, -1, 1, 1}}}), mesh);
   EXPECT_EQ(mesh.sigma.front(), static_cast<float>(kSurface));
 }
 

@@ -211,11 +211,12 @@ Costs makePiece(const PieceInputs& in, const fusion::Piece& piece, WorkFileWrite
   }
   costs.add("fusion", watch.lap());
   std::vector<TileMesh> core;
+  const std::vector<UncertainView> views = in.doubt.viewsOf(piece.meshes, *in.T_nav_cam, *in.footprints);
   for (const TileMesh& tile : raw) {
     if (!piece.core.contains(tile.tile)) continue;
     TileMesh kept = in.input->region ? in.input->region->inside(tile) : tile;
     if (kept.mesh.empty()) continue;
-    in.doubt.addTo(kept.mesh, piece.meshes, *in.T_nav_cam, *in.footprints);
+    addPoseVariance(views, kept.mesh);
     core.push_back(std::move(kept));
   }
 

@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "recon/geometry/pose_variance.hpp"
-
 namespace fathom::topside {
 
 const Matrix6d& PoseDoubt::nearest(std::uint32_t pair) const {
@@ -15,13 +13,14 @@ const Matrix6d& PoseDoubt::nearest(std::uint32_t pair) const {
   return (later ? after : before)->covariance;
 }
 
-void PoseDoubt::addTo(Mesh& mesh, const std::vector<std::uint32_t>& pairs, const std::vector<SE3>& T_nav_cam,
-                      const std::vector<fusion::MeshFootprint>& footprints) const {
-  if (uncertain_.empty()) return;
+std::vector<UncertainView> PoseDoubt::viewsOf(const std::vector<std::uint32_t>& pairs,
+                                              const std::vector<SE3>& T_nav_cam,
+                                              const std::vector<fusion::MeshFootprint>& footprints) const {
   std::vector<UncertainView> views;
+  if (uncertain_.empty()) return views;
   for (const std::uint32_t pair : pairs)
     views.push_back({T_nav_cam[pair], nearest(pair), footprints[pair].box});
-  addPoseVariance(views, mesh);
+  return views;
 }
 
 void PoseDoubt::addKey(Hasher& hasher, std::uint32_t pair) const {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "recon/fusion/space_division.hpp"
-#include "recon/geometry/mesh.hpp"
+#include "recon/geometry/pose_variance.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/topside/localise/slam_stage.hpp"
 #include "recon/topside/work/digest.hpp"
@@ -20,11 +20,11 @@ class PoseDoubt {
   PoseDoubt() = default;
   explicit PoseDoubt(std::span<const SlamResult::Uncertain> uncertain) : uncertain_(uncertain) {}
 
-  // Adds to sigma of every vertex of a mesh in nav, by those of `pairs` whose footprints it is in;
-  // `T_nav_cam`, `footprints`: of every pair.
-  void addTo(Mesh& mesh, const std::vector<std::uint32_t>& pairs, const std::vector<SE3>& T_nav_cam,
-             const std::vector<fusion::MeshFootprint>& footprints) const;
-  // What addTo() takes of a pair.
+  // Of `pairs`, for addPoseVariance(); `T_nav_cam`, `footprints`: of every pair.
+  [[nodiscard]] std::vector<UncertainView> viewsOf(
+      const std::vector<std::uint32_t>& pairs, const std::vector<SE3>& T_nav_cam,
+      const std::vector<fusion::MeshFootprint>& footprints) const;
+  // What viewsOf() takes of a pair.
   void addKey(Hasher& hasher, std::uint32_t pair) const;
 
  private:
