@@ -145,9 +145,9 @@ class RigWatch {
   RangeError range_;
   std::uint64_t changes_ = 0, measurements_ = 0, resets_ = 0;
   RigChange::Vector left_ = RigChange::Vector::Zero();  // estimated and not yet in rig()
-  RigChange::Matrix known_ =
-      RigChange::Matrix::Zero();            // information of the estimate, as EpipolarCheck has it
-  std::vector<RigMatch> matches_, judged_;  // collected; of the newest measurement
+  // Information of the estimate, as EpipolarCheck has it.
+  RigChange::Matrix known_ = RigChange::Matrix::Zero();
+  std::vector<RigMatch> matches_, judged_;                    // collected; of the newest measurement
   RigChange::Vector judged_off_ = RigChange::Vector::Zero();  // change of rig() by judged_
 };
 

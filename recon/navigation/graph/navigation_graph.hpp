@@ -135,9 +135,8 @@ class NavigationGraph {
   [[nodiscard]] const SE3& pose(int keyframe) const { return keyframes_.pose(keyframe); }  // T_nav_cam
   [[nodiscard]] const SE3& odometry(int keyframe) const { return keyframes_[keyframe].T_odom_cam; }
   [[nodiscard]] std::int64_t utcNs(int keyframe) const { return keyframes_[keyframe].utc_ns; }
-  [[nodiscard]] double range(int keyframe) const {
-    return keyframes_[keyframe].range;
-  }  // to the seafloor [m]
+  // To the seafloor [m].
+  [[nodiscard]] double range(int keyframe) const { return keyframes_[keyframe].range; }
   // Covariance of the right perturbation of a keyframe's pose: the graph's marginal covariance, plus errors
   // that links share although the graph takes them for independent:
   // - their common yaw errors (DvlCalibration::curl()), as they move each pose (SharedByPose);
