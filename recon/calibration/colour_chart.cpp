@@ -39,9 +39,10 @@ double row(int patch) {
 }
 
 // What turns the camera's colours of the patches into a view's samples: backscatter of each channel, as
-// a share of its darkest sample; the logarithm of its gain; that of the light, which varies over the chart as
-// a quadric; and that of an exponent, where an 8-bit image's tone curve is unknown.
-constexpr int kBackscatter = 0, kGain = 3, kLight = 6, kTone = 11, kOfView = 12, kOfMatrix = 6;
+// a share of its darkest sample; the logarithm of its gain; those of the light, which varies over the chart
+// as a quadric, and of the backscatter, which varies along it; and that of an exponent, where an 8-bit
+// image's tone curve is unknown.
+constexpr int kBackscatter = 0, kGain = 3, kLight = 6, kHaze = 11, kTone = 13, kOfView = 14, kOfMatrix = 6;
 struct Balance {
   std::array<double, kOfView> values{};
   Eigen::Vector3d darkest = Eigen::Vector3d::Ones();
@@ -53,9 +54,10 @@ Eigen::Vector3d balanced(const double* values, const Eigen::Vector3d& darkest, c
   const double* light = values + kLight;
   const double over_chart =
       light[0] * u + light[1] * v + light[2] * u * v + light[3] * u * u + light[4] * v * v;
+  const double haze = std::exp(values[kHaze] * u + values[kHaze + 1] * v);
   Eigen::Vector3d out;
   for (int c = 0; c < 3; ++c)
-    out(c) = (std::pow(seen(c), tone) - values[kBackscatter + c] * std::pow(darkest(c), tone)) *
+    out(c) = (std::pow(seen(c), tone) - values[kBackscatter + c] * haze * std::pow(darkest(c), tone)) *
              std::exp(values[kGain + c] + over_chart);
   return out;
 }
@@ -91,15 +93,16 @@ struct Prior {
 
 class ChartFit {
  public:
-  explicit ChartFit(const std::vector<ChartView>& views) : views_(views), balances_(views.size()) {}
+  // Patch `left_out` has no part in the fit.
+  ChartFit(const std::vector<ChartView>& views, int left_out)
+      : views_(views), left_out_(left_out), balances_(views.size()) {}
 
-  // Least squares of all views from this share of backscatter, first without the matrix; returns the cost.
+  // Least squares of all views from this share of backscatter, without the matrix and with it; returns the
+  // cost.
   double solve(double backscatter) {
-    matrix_ = {};
-    for (std::size_t v = 0; v < views_.size(); ++v) start(views_[v], backscatter, balances_[v]);
-    (void)minimise(true);
+    (void)minimise(backscatter, true);
     before_ = errors();
-    return minimise(false);
+    return minimise(backscatter, false);
   }
   [[nodiscard]] Eigen::Matrix3d matrix() const { return colourMatrixOf(matrix_.data()); }
   // CIEDE2000 by patch, mean over views: with the views' balances alone, and with the matrix.
@@ -137,13 +140,15 @@ class ChartFit {
     }
   }
 
-  double minimise(bool balance_alone) {
+  double minimise(double backscatter, bool balance_alone) {
+    matrix_ = {};
+    for (std::size_t v = 0; v < views_.size(); ++v) start(views_[v], backscatter, balances_[v]);
     constexpr double kLoss = 6, kMostBackscatter = 0.98;  // CIELAB units; share of the darkest sample
     ceres::Problem problem;
     for (std::size_t v = 0; v < views_.size(); ++v) {
       double* view = balances_[v].values.data();
       for (int k = 0; k < kPatches; ++k)
-        if (const auto& seen = views_[v].patches[static_cast<std::size_t>(k)])
+        if (const auto& seen = views_[v].patches[static_cast<std::size_t>(k)]; seen && k != left_out_)
           problem.AddResidualBlock(
               new ceres::NumericDiffCostFunction<PatchResidual, ceres::CENTRAL, 3, kOfView, kOfMatrix>(
                   new PatchResidual{balances_[v].darkest, seen->cwiseMax(kLeastSample), k,
@@ -175,12 +180,30 @@ class ChartFit {
 
   static constexpr double kLeastSample = 1e-4;
   const std::vector<ChartView>& views_;
+  int left_out_;
   std::vector<Balance> balances_;
   std::array<double, kOfMatrix> matrix_{};
   std::array<double, kPatches> before_{};
 };
 
-constexpr double kMostError = 10;  // median CIEDE2000
+constexpr double kMostError = 12;  // median CIEDE2000 of patches left out
+
+// The least cost of two starts: clear water, and much backscatter.
+constexpr int kNone = -1;
+ColourCalibration fitted(const std::vector<ChartView>& views, int left_out) {
+  ColourCalibration out;
+  double least = std::numeric_limits<double>::infinity();
+  for (const double backscatter : {0.0, 0.7}) {
+    ChartFit fit(views, left_out);
+    const double cost = fit.solve(backscatter);
+    if (!(cost < least)) continue;
+    least = cost;
+    out.matrix = fit.matrix();
+    out.before = fit.before();
+    out.after = fit.errors();
+  }
+  return out;
+}
 
 std::vector<double> known(const std::array<double, kPatches>& errors) {
   std::vector<double> out;
@@ -232,28 +255,26 @@ ColourCalibration calibrateColours(const std::vector<ChartView>& views, const st
                        "only " + std::to_string(left) + " patches are not clipped; expose less, " +
                            std::to_string(kFewestPatches) + " are needed");
   }
-  // The least cost of two starts: clear water, and much backscatter.
-  ColourCalibration out;
-  double least = std::numeric_limits<double>::infinity();
-  for (const double backscatter : {0.0, 0.7}) {
-    ChartFit fit(views);
-    const double cost = fit.solve(backscatter);
-    if (!(cost < least)) continue;
-    least = cost;
-    out.matrix = fit.matrix();
-    out.before = fit.before();
-    out.after = fit.errors();
-  }
+  ColourCalibration out = fitted(views, kNone);
   const std::vector<double> after = known(out.after);
   out.median_before = median(known(out.before));
   out.median_after = median(after);
   out.worst_after = *std::max_element(after.begin(), after.end());
-  if (out.median_after > out.median_before || out.median_after > kMostError)
+  std::vector<double> held_before, held_after;
+  for (std::size_t k = 0; k < kPatches; ++k) {
+    if (std::isnan(out.after[k])) continue;
+    const ColourCalibration others = fitted(views, static_cast<int>(k));
+    held_before.push_back(others.before[k]), held_after.push_back(others.after[k]);
+  }
+  out.held_before = median(std::move(held_before));
+  out.held_after = median(std::move(held_after));
+  if (out.held_after > out.held_before || out.held_after > kMostError)
     throw InputError(
         source, "",
-        formatted("the patches are %.1f off with the matrix, %.1f without (median CIEDE2000; at most %.0f): "
-                  "light or haze are too uneven, or patches hidden; nothing is written",
-                  out.median_after, out.median_before, kMostError));
+        formatted("patches that the matrix was not made from are %.1f off with it, %.1f without (median "
+                  "CIEDE2000; at most %.0f): the camera needs none, or light and haze are too uneven; "
+                  "nothing is written",
+                  out.held_after, out.held_before, kMostError));
   return out;
 }
 

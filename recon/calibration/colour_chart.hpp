@@ -35,13 +35,15 @@ struct ColourCalibration {
   // CIEDE2000 by patch, with the views' balances alone and with the matrix; mean over views, NaN without any.
   std::array<double, kPatches> before{}, after{};
   double median_before = 0, median_after = 0, worst_after = 0;
+  // Medians over patches, each by a fit of all the others.
+  double held_before = 0, held_after = 0;
 };
 
 // Robust least squares in CIELAB of one matrix of all views with, of each view, the backscatter and gain of
-// each channel, light that varies over the chart as a quadric (in logarithms) and, of rendered images, the
-// exponent of the tone curve. Throws InputError, which names `source`, where a view has fewer than
-// kFewestPatches, and where the matrix leaves the patches worse than the views' balances alone or farther off
-// than 10 (median CIEDE2000).
+// each channel, light and backscatter that vary over the chart (in logarithms, as a quadric and linearly)
+// and, of rendered images, the exponent of the tone curve. Throws InputError, which names `source`, where
+// a view has fewer than kFewestPatches, and where the matrix leaves patches that had no part in it worse than
+// the views' balances alone, or farther off than 12 (median CIEDE2000).
 [[nodiscard]] ColourCalibration calibrateColours(const std::vector<ChartView>& views,
                                                  const std::string& source);
 

@@ -236,7 +236,7 @@ TEST_F(ColourChart, AMatrixIsFoundFromChartsThatAreFoundByThemselvesOrByTheirCor
     const double off = (done.matrix * crosstalk() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
     std::printf("matrix off by %.4f; CIEDE2000 %.2f, with it %.2f, worst %.2f\n", off, done.median_before,
                 done.median_after, done.worst_after);
-    EXPECT_LT(off, 0.0024);
+    EXPECT_LT(off, 0.0045);
     EXPECT_LT(done.median_after, 0.18);
     EXPECT_GT(done.median_before, 4);
     EXPECT_LT((done.matrix.rowwise().sum() - Eigen::Vector3d::Ones()).norm(), 1e-9);
@@ -261,7 +261,7 @@ TEST_F(ColourChart, ChartsAreFoundInEveryOrientationAndSeveralInOneImage) {
   ASSERT_EQ(found.size(), 2u);
   EXPECT_THAT(found[1].name, testing::EndsWith("both.tif, chart 2"));
   EXPECT_LT((calibrateColours(found, "test").matrix * crosstalk() - Eigen::Matrix3d::Identity()).norm(),
-            0.004);
+            0.007);
 }
 
 TEST_F(ColourChart, WhatIsNoChartAtTheCornersAndAMatrixThatMakesColoursWorseAreRefused) {
@@ -283,17 +283,18 @@ TEST_F(ColourChart, OfRealPhotographsInAirAndWaterEachGivesABetterMatrixOrIsRefu
   struct Photograph {
     const char* name;
     std::size_t charts;
-    double most;  // median CIEDE2000 with the matrix, twice what was measured; 0: refused
+    double
+        most;  // median CIEDE2000 of patches that the fit did not know, twice what was measured; 0: refused
     const char* reason;
   };
   for (const Photograph& p :
-       std::vector<Photograph>{{"calib_1_above.png", 1, 8.2, ""},
-                               {"calib_2_above.jpg", 2, 6.2, ""},
-                               {"ColorChart_325_110_led.bmp.xz", 1, 10, ""},
+       std::vector<Photograph>{{"calib_1_above.png", 1, 10.6, ""},
+                               {"calib_2_above.jpg", 2, 0, "the camera needs none"},
+                               {"ColorChart_325_110_led.bmp.xz", 1, 12, ""},
                                {"ColorChart_325_110_natural.bmp.xz", 1, 0, "nothing is written"},
-                               {"ColorChart_325_60_led.bmp.xz", 0, 0, "most are clipped"},
+                               {"ColorChart_325_60_led.bmp.xz", 1, 0, "nothing is written"},
                                {"calib_1_under.png", 1, 0, "nothing is written"},
-                               {"calib_2_under.jpg", 1, 0, "nothing is written"}}) {
+                               {"calib_2_under.jpg", 2, 0, "nothing is written"}}) {
     std::filesystem::path file = test::dataFile(std::string("colour/") + p.name);
     if (file.extension() == ".xz") {
       const std::filesystem::path unpacked = folder_.path() / file.stem();
@@ -307,15 +308,16 @@ TEST_F(ColourChart, OfRealPhotographsInAirAndWaterEachGivesABetterMatrixOrIsRefu
       charts = views.size();
       done = calibrateColours(views, file.string());
     });
-    std::printf("%s: %zu charts, %.1f, with the matrix %.1f %s\n", p.name, charts, done.median_before,
-                done.median_after, refused.c_str());
+    std::printf("%s: %zu charts, %.1f, with the matrix %.1f; of patches left out %.1f, %.1f %s\n", p.name,
+                charts, done.median_before, done.median_after, done.held_before, done.held_after,
+                refused.c_str());
     EXPECT_EQ(charts, p.charts) << p.name;
     if (p.most == 0) {
       EXPECT_THAT(refused, testing::HasSubstr(p.reason)) << p.name;
     } else {
       EXPECT_EQ(refused, "") << p.name;
-      EXPECT_LT(done.median_after, p.most) << p.name;
-      EXPECT_LE(done.median_after, done.median_before) << p.name;
+      EXPECT_LT(done.held_after, p.most) << p.name;
+      EXPECT_LE(done.held_after, done.held_before) << p.name;
     }
   }
 }

@@ -235,9 +235,9 @@ std::vector<std::vector<ChartPlace>> chartPlaces(const cv::Mat& bgr) {
   const cv::Matx33d to_full(1 / scale, 0, 0.5 / scale - 0.5, 0, 1 / scale, 0.5 / scale - 0.5, 0, 0, 1);
   std::vector<bool> taken(squares.size(), false);
   std::vector<std::vector<ChartPlace>> out;
-  for (const Lattice& lattice : lattices) {
-    if (lattice.size() < kFewestSquares) break;
-    if (std::any_of(lattice.begin(), lattice.end(), [&](const auto& c) { return taken[c.second]; })) continue;
+  for (Lattice& lattice : lattices) {
+    std::erase_if(lattice, [&](const auto& c) { return taken[c.second]; });
+    if (lattice.size() < kFewestSquares) continue;
     for (const auto& [cell, square] : lattice) taken[square] = true;
     out.push_back(placesOn(lattice, squares));
     for (ChartPlace& place : out.back()) place = to_full * place;

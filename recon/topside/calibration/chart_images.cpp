@@ -45,8 +45,12 @@ cv::Mat stretchedBgr(const ImageView& image) {
   return out;
 }
 
-// Mean of a channel's samples in a quadrilateral; none where one is clipped.
-std::optional<Eigen::Vector3d> meanWithin(const ImageView& image, const std::vector<cv::Point>& quad) {
+// Sums of linear samples in part of a patch.
+struct LightSum {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), count = Eigen::Vector3d::Zero();
+  bool clipped = false;
+};
+void addSamples(const ImageView& image, const std::vector<cv::Point>& quad, LightSum& out) {
   const cv::Rect box = cv::boundingRect(quad) & cv::Rect(0, 0, image.width, image.height);
   cv::Mat mask = cv::Mat::zeros(box.size(), CV_8UC1);
   std::vector<cv::Point> within;
@@ -54,45 +58,65 @@ std::optional<Eigen::Vector3d> meanWithin(const ImageView& image, const std::vec
   cv::fillConvexPoly(mask, within, 255);
   constexpr double kClipped = 0.98;
   const double full = (1 << image.bits) - 1;
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero(), count = Eigen::Vector3d::Zero();
+  const bool rgb = image.format == PixelFormat::kRgb;
   for (int y = 0; y < box.height; ++y)
     for (int x = 0; x < box.width; ++x) {
       if (mask.at<std::uint8_t>(y, x) == 0) continue;
       const auto* line =
           static_cast<const std::uint8_t*>(image.data) + static_cast<std::size_t>(box.y + y) * image.stride;
-      const bool rgb = image.format == PixelFormat::kRgb;
       for (int k = 0; k < (rgb ? 3 : 1); ++k) {
         const int c = rgb ? k : (box.x + x) % 2 + (box.y + y) % 2;
         const auto at = static_cast<std::size_t>(rgb ? 3 * (box.x + x) + k : box.x + x);
         const double sample =
             (image.bits == 8 ? line[at] : reinterpret_cast<const std::uint16_t*>(line)[at]) / full;
-        if (sample >= kClipped) return std::nullopt;
-        sum(c) += rgb && image.bits == 8 ? linearFromSrgb(sample) : sample;
-        count(c) += 1;
+        out.clipped = out.clipped || sample >= kClipped;
+        out.sum(c) += rgb && image.bits == 8 ? linearFromSrgb(sample) : sample;
+        out.count(c) += 1;
       }
     }
-  constexpr double kFewest = 9;  // samples
-  if (count.minCoeff() < kFewest) return std::nullopt;
-  return sum.cwiseQuotient(count);
+}
+
+// Mean of each channel in the middle of a patch, without the parts that are clearly brighter than its darkest
+// third: reflections of lamps and of waves only add light. None where it is clipped or samples are few.
+std::optional<Eigen::Vector3d> patchMean(const ImageView& image, const ChartPlace& place, int column,
+                                         int row) {
+  constexpr double kMiddle = 0.225;  // of a patch's step, from its centre
+  constexpr int kAcross = 3;         // parts
+  constexpr std::size_t kDarkest = 3;
+  constexpr double kReflecting = 1.05;  // light over that of the darkest third
+  constexpr double kFewest = 9;         // samples
+  constexpr double kPart = 2 * kMiddle / kAcross;
+  std::vector<LightSum> parts;
+  for (int i = 0; i < kAcross * kAcross; ++i) {
+    const double x = column - kMiddle + kPart * (i % kAcross), whole = i / kAcross,
+                 y = row - kMiddle + kPart * whole;
+    const std::vector<cv::Point2d> part{{x, y}, {x + kPart, y}, {x + kPart, y + kPart}, {x, y + kPart}};
+    std::vector<cv::Point2d> quad;
+    cv::perspectiveTransform(part, quad, place);
+    addSamples(image, std::vector<cv::Point>(quad.begin(), quad.end()), parts.emplace_back());
+    if (parts.back().count.minCoeff() == 0) return std::nullopt;
+  }
+  const auto light = [](const LightSum& c) { return c.sum.cwiseQuotient(c.count).sum(); };
+  std::sort(parts.begin(), parts.end(),
+            [&](const LightSum& a, const LightSum& b) { return light(a) < light(b); });
+  const double dark = light(parts[kDarkest - 1]);
+  LightSum all;
+  for (const LightSum& part : parts) {
+    if (light(part) > kReflecting * dark) break;
+    if (part.clipped) return std::nullopt;
+    all.sum += part.sum, all.count += part.count;
+  }
+  if (all.count.minCoeff() < kFewest) return std::nullopt;
+  return all.sum.cwiseQuotient(all.count);
 }
 
 // What the camera saw on the patches of a chart at `place`.
 calibration::ChartView readPatches(const ImageView& image, const ChartPlace& place, const std::string& name) {
-  constexpr double kMiddle = 0.225;  // of a patch's step, from its centre
   calibration::ChartView view;
   view.name = name;
   view.rendered = image.format == PixelFormat::kRgb && image.bits == 8;
-  for (int k = 0; k < calibration::kPatches; ++k) {
-    const int row = k / kChartColumns, column = k % kChartColumns;
-    const std::vector<cv::Point2d> middle{{column - kMiddle, row - kMiddle},
-                                          {column + kMiddle, row - kMiddle},
-                                          {column + kMiddle, row + kMiddle},
-                                          {column - kMiddle, row + kMiddle}};
-    std::vector<cv::Point2d> quad;
-    cv::perspectiveTransform(middle, quad, place);
-    view.patches[static_cast<std::size_t>(k)] =
-        meanWithin(image, std::vector<cv::Point>(quad.begin(), quad.end()));
-  }
+  for (int k = 0; k < calibration::kPatches; ++k)
+    view.patches[static_cast<std::size_t>(k)] = patchMean(image, place, k % kChartColumns, k / kChartColumns);
   return view;
 }
 

@@ -42,8 +42,9 @@ int calibrateColour(const CalibrateColourOptions& o) {
     if (!std::isnan(done.after[i]))
       std::printf("  %-14s %20.1f %17.1f\n", calibration::patchName(k), done.before[i], done.after[i]);
   }
-  std::printf("median %.1f, with the matrix %.1f; worst then %.1f\n", done.median_before, done.median_after,
-              done.worst_after);
+  std::printf(
+      "median %.1f, with the matrix %.1f; worst then %.1f; of each patch by the others %.1f and %.1f\n",
+      done.median_before, done.median_after, done.worst_after, done.held_before, done.held_after);
   writeColours(o.out, done.matrix);
   std::printf("%s written\n", o.out.c_str());
   return kExitSuccess;
