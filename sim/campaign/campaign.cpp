@@ -190,7 +190,8 @@ std::vector<DiveResult> runCampaign(const CampaignOptions& options) {
   for (const char* program : {"fathom-onboard", "fathom-topside"})
     if (!std::filesystem::exists(options.programs / program))
       throw InputError((options.programs / program).string(), "", "is absent; name its folder by --programs");
-  for (std::size_t site = 0; options.series != DiveSeries::kSingle && site < kSites; ++site)
+  const std::size_t sites = options.series == DiveSeries::kSingle ? 1 : kSites;
+  for (std::size_t site = 0; site < sites; ++site)
     static_cast<void>(resolvedTerrain(diveScenario(planOf(options.series, site), options.seed)));
   const std::filesystem::path file = options.out / "results.jsonl";
 

@@ -57,7 +57,7 @@ inline constexpr double kWorstNees = 22.46;  // 99.9 % of chi-square with 6 degr
 
 // Runs the dives that results.jsonl in `out` does not hold yet, appends each result, and writes
 // campaign.html. Throws InputError for a folder with other content or another series, and for absent
-// programs or real seafloors.
+// programs, scenarios or real seafloors.
 std::vector<DiveResult> runCampaign(const CampaignOptions& options);
 
 void writeCampaignPage(const CampaignOptions& options, const std::vector<DiveResult>& dives);
