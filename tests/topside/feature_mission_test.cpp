@@ -7,6 +7,8 @@
 #include "recon/geometry/ply.hpp"
 #include "recon/import/images/image_pairs.hpp"
 #include "recon/topside/pipeline.hpp"
+#include "sim/mission/mission_maker.hpp"
+#include "sim/scenario/scenario_file.hpp"
 #include "tests/fusion/surface_distance.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/topside/reef_quick.hpp"
@@ -106,6 +108,38 @@ TEST(FeatureMission, AnAttitudeSensorThatLagsIsDistinguishedFromLateImages) {
   ASSERT_FALSE(images.is_null());
   EXPECT_NEAR(images.at("images_late_s").get<double>(), -kLate_s, kNear_s);
   EXPECT_EQ(images.at("attitude_late_s"), 0);
+}
+
+// A DVL that is thirty times as noisy as it states: the ranges are not taken from the few steps that agree
+// with it by chance.
+TEST(FeatureMission, ANoisyDvlLeavesTheScaleToTheCameras) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+  scenario.seed = 1129;
+  scenario.sensors.dvl.velocity_sigma_mps = 0.06;
+  (void)sim::makeMission(scenario,
+                         {.out = mission, .force = false, .threads = 0, .features = true, .progress = {}});
+  (void)runTopside(mission, folder.path() / "topside", {});
+  const nlohmann::json report = reportOf(folder.path() / "topside"), rig = report.at("rig");
+  const double longer =
+      rig.at("ranges_too_long").get<double>() + 2 * rig.at("ranges_too_long_per_m").get<double>();
+  std::printf("ranges too long by %.4f, %.4f claimed\n", longer, rig.at("ranges_sigma").get<double>());
+  EXPECT_LT(std::abs(longer), 0.016);
+}
+
+// Along the baseline, where no epipolar line shows it, and farther than calibrations err.
+TEST(FeatureMission, PrincipalPointsThatAreFarOffAreFoundByPathsAndAltitudes) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  std::filesystem::copy(kMission, mission, std::filesystem::copy_options::recursive);
+  StereoRig rig = readStereoCalib(mission / "stereo.calib");
+  const double off = 0.002 * rig.left.width;
+  rig.left.cx += off, rig.right.cx -= off;
+  writeStereoCalib(mission / "stereo.calib", rig);
+  const Summary done = runTopside(mission, folder.path() / "topside", {});
+  (void)shiftToTruth(mission, folder.path() / "topside", done.pairs, 0.1);
+  EXPECT_THAT(done.to_know, ::testing::Contains(::testing::HasSubstr("by what the DVL measures")));
 }
 
 }  // namespace

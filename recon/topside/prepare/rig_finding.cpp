@@ -141,6 +141,30 @@ double rangeOf(const closure::FrameFeatures& features) {
   return median(std::move(z));
 }
 
+struct SeenStep {
+  double range = 0;
+  closure::Registration link;
+};
+
+// By how much ranges are too long by both of the DVL's measurements, paths and altitudes: by that which says
+// less, 0 where they contradict each other. Less than relief makes of altitudes, and the sound speed of other
+// water of both, is none.
+double tooLongByBoth(const std::vector<Step>& steps, const std::vector<SeenStep>& seen, const Survey& survey,
+                     const Eigen::Vector3d& dvl_in_camera) {
+  constexpr double kLeast = 0.05;  // of the range
+  std::vector<double> by_path, by_altitude;
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    if (!seen[k].link.accepted()) continue;
+    const auto pathOf = [&](const SE3& T_a_b) { return (T_a_b * dvl_in_camera - dvl_in_camera).norm(); };
+    by_path.push_back(
+        std::log(pathOf(seen[k].link.T_a_b) / pathOf(steps[k].T_nav_a.inverse() * steps[k].T_nav_b)));
+    by_altitude.push_back(std::log(seen[k].range / survey.planes[steps[k].b]->ahead()));
+  }
+  const double path = median(std::move(by_path)), altitude = median(std::move(by_altitude));
+  if (path * altitude <= 0 || std::min(std::abs(path), std::abs(altitude)) < kLeast) return 0;
+  return std::min(std::abs(path), std::abs(altitude));
+}
+
 // What paths say of the range error that is left of the rig as it was found so far, into what was found;
 // false when chance explains it.
 bool addRange(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
@@ -149,11 +173,7 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   turned.rig = rigAsFound(input.rig, out);
   const std::vector<Step> all = stepsOf(turned, survey);
   const std::vector<Run> runs = stepRunsOf(all.size());
-  struct Seen {
-    double range = 0;
-    closure::Registration link;
-  };
-  std::vector<Seen> seen(all.size());
+  std::vector<SeenStep> seen(all.size());
   oneapi::tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
     const auto preparer = makePreparer(turned, config, models, true);
     const auto prepare = [&](std::size_t pair) {
@@ -173,27 +193,42 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   prior.baseline = turned.rig.baseline();
   prior.turn = out.yaw_sigma;
   prior.principal_point = principalPointSigma(input.rig, out);
-  slam::DvlCalibration steps_of_dvl(
-      config.navigation.noise, input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation(),
-      prior);
-  if (!all.empty()) steps_of_dvl.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
+  const Eigen::Vector3d dvl_in_camera =
+      input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation();
   std::vector<double> ranges;
-  for (std::size_t k = 0; k < all.size(); ++k) {
-    if (!seen[k].link.accepted()) continue;
-    const Step& step = all[k];
-    (void)steps_of_dvl.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance,
-                           step.quality, seen[k].range);
-    ranges.push_back(seen[k].range);
-  }
+  for (const SeenStep& one : seen)
+    if (one.link.accepted()) ranges.push_back(one.range);
   // A few paths of a dive that turns all the time, or is short, say little, and nothing of their own errors.
-  constexpr std::size_t kFewest = 8;
-  if (ranges.size() < kFewest) return false;
+  constexpr std::size_t kFewest = 8, kFewestOfBoth = 3;
+  const double by_both = tooLongByBoth(all, seen, survey, dvl_in_camera);
+  if (ranges.size() < (by_both > 0 || out.steps > 0 ? kFewestOfBoth : kFewest)) return false;
   out.steps = ranges.size();
-  const double range = median(std::move(ranges));
-  const calibration::RangeError left{steps_of_dvl.rangeError().x(), steps_of_dvl.rangeError().y()};
+  const double range = out.usual_range = median(std::move(ranges));
+  prior.principal_point = std::hypot(prior.principal_point, by_both * turned.rig.baseline() / range);
+  // A DVL may be noisier than it should: as noisy as most steps show. By a smaller noise the few steps that
+  // agree by chance would be all that count.
+  constexpr double kMost = 0.8;
+  constexpr int kDoublings = 7;
+  slam::SensorNoise noise = config.navigation.noise;
+  std::optional<slam::DvlCalibration> by_steps;
+  for (int doubling = 0; doubling < kDoublings; ++doubling, noise.dvl_velocity *= 2) {
+    slam::DvlCalibration& steps_of_dvl = by_steps.emplace(noise, dvl_in_camera, prior);
+    if (!all.empty()) steps_of_dvl.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
+    std::size_t agreed = 0;
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      if (!seen[k].link.accepted()) continue;
+      const Step& step = all[k];
+      agreed += steps_of_dvl.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance,
+                                 step.quality, seen[k].range)
+                    ? 1
+                    : 0;
+    }
+    if (static_cast<double>(agreed) >= kMost * static_cast<double>(out.steps)) break;
+  }
+  const calibration::RangeError left{by_steps->rangeError().x(), by_steps->rangeError().y()};
   out.range.scale += left.scale;
   out.range.per_metre += left.per_metre;
-  out.range_sigma = steps_of_dvl.rangeSigma(range);
+  out.range_sigma = by_steps->rangeSigma(range);
   constexpr double kBeyondChance = 3;  // standard deviations
   return std::abs(left.at(range)) > kBeyondChance * out.range_sigma;
 }
@@ -245,10 +280,18 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
 }
 
 std::optional<std::string> warningOf(const RigFinding& found) {
-  if (!found.moved) return std::nullopt;
-  return "The rig does not stand as it was calibrated: matches are up to " + decimals(found.before, 1) +
-         " px off their epipolar lines. This run takes " + calibration::describeChange(found.change) +
-         ", which leaves " + decimals(found.after, 2) + " px a match. Calibrate again.";
+  constexpr double kWorthSaying = 0.03;
+  const double longer = found.range.at(found.usual_range);
+  std::string out;
+  if (found.moved)
+    out = "The rig does not stand as it was calibrated: matches are up to " + decimals(found.before, 1) +
+          " px off their epipolar lines. This run takes " + calibration::describeChange(found.change) +
+          ", which leaves " + decimals(found.after, 2) + " px a match. ";
+  if (std::abs(longer) > kWorthSaying)
+    out += "Ranges by the cameras are " + decimals(100 * std::abs(longer), 1) + " percent too " +
+           (longer > 0 ? "long" : "short") + " by what the DVL measures, and are corrected in this run. ";
+  if (out.empty()) return std::nullopt;
+  return out + "Calibrate again.";
 }
 
 }  // namespace fathom::topside

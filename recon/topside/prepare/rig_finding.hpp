@@ -16,7 +16,8 @@ namespace fathom::topside {
 // How the rig stands in this dive against how it was calibrated: its turn, focal lengths and
 // distortion by matches that are found without its help, as far from their epipolar lines as they are; what
 // these do not show, a baseline or principal points that are wrong, by paths between pairs as visual odometry
-// and the DVL measure them, weighed by what is known of both beforehand (slam::DvlCalibration).
+// and the DVL measure them, weighed by what is known of both beforehand (slam::DvlCalibration), or as far as
+// the DVL's altitudes say so too.
 struct RigFinding {
   std::uint64_t matches = 0;
   double before = 0,
@@ -26,12 +27,13 @@ struct RigFinding {
   double yaw_sigma = 0;           // of change.rotation.y [rad]
   std::uint64_t steps = 0;        // paths that both measured
   calibration::RangeError range;  // of the rig changed so
-  double range_sigma = 0;         // of that at the dive's median range [1]
+  double usual_range = 0;         // median of the dive [m]
+  double range_sigma = 0;         // of the range error there [1]
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive(self.matches, self.before, self.after, self.moved, self.change, self.yaw_sigma, self.steps,
-            self.range.scale, self.range.per_metre, self.range_sigma);
+            self.range.scale, self.range.per_metre, self.usual_range, self.range_sigma);
   }
 };
 
