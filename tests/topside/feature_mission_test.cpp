@@ -125,7 +125,7 @@ TEST(FeatureMission, ANoisyDvlLeavesTheScaleToTheCameras) {
   const double longer =
       rig.at("ranges_too_long").get<double>() + 2 * rig.at("ranges_too_long_per_m").get<double>();
   std::printf("ranges too long by %.4f, %.4f claimed\n", longer, rig.at("ranges_sigma").get<double>());
-  EXPECT_LT(std::abs(longer), 0.016);
+  EXPECT_LT(std::abs(longer), 0.002);
 }
 
 // Along the baseline, where no epipolar line shows it, and farther than calibrations err.

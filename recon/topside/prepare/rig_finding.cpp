@@ -165,6 +165,29 @@ double tooLongByBoth(const std::vector<Step>& steps, const std::vector<SeenStep>
   return std::min(std::abs(path), std::abs(altitude));
 }
 
+// A DVL may be noisier than it should: it counts as noisy as most steps show. By a smaller noise the few
+// steps that agree by chance would be all that count.
+slam::DvlCalibration calibrationByMost(const std::vector<Step>& steps, const std::vector<SeenStep>& seen,
+                                       slam::SensorNoise noise, const Eigen::Vector3d& dvl_in_camera,
+                                       const slam::RigPrior& prior, double sound_share) {
+  constexpr std::ptrdiff_t kMost = 4, kOf = 5;
+  constexpr int kDoublings = 6;
+  for (int doubling = 0;; ++doubling, noise.dvl_velocity *= 2) {
+    slam::DvlCalibration out(noise, dvl_in_camera, prior);
+    out.setSoundShare(sound_share);
+    std::ptrdiff_t tried = 0, agreed = 0;
+    for (std::size_t k = 0; k < steps.size(); ++k) {
+      const closure::Registration& link = seen[k].link;
+      if (!link.accepted()) continue;
+      ++tried;
+      if (out.add(steps[k].T_nav_a, steps[k].T_nav_b, link.T_a_b, link.covariance, steps[k].quality,
+                  seen[k].range))
+        ++agreed;
+    }
+    if (kOf * agreed >= kMost * tried || doubling == kDoublings) return out;
+  }
+}
+
 // What paths say of the range error that is left of the rig as it was found so far, into what was found;
 // false when chance explains it.
 bool addRange(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
@@ -205,30 +228,13 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   out.steps = ranges.size();
   const double range = out.usual_range = median(std::move(ranges));
   prior.principal_point = std::hypot(prior.principal_point, by_both * turned.rig.baseline() / range);
-  // A DVL may be noisier than it should: as noisy as most steps show. By a smaller noise the few steps that
-  // agree by chance would be all that count.
-  constexpr double kMost = 0.8;
-  constexpr int kDoublings = 7;
-  slam::SensorNoise noise = config.navigation.noise;
-  std::optional<slam::DvlCalibration> by_steps;
-  for (int doubling = 0; doubling < kDoublings; ++doubling, noise.dvl_velocity *= 2) {
-    slam::DvlCalibration& steps_of_dvl = by_steps.emplace(noise, dvl_in_camera, prior);
-    if (!all.empty()) steps_of_dvl.setSoundShare(survey.navigation.poses[all.front().a].quality.sound_share);
-    std::size_t agreed = 0;
-    for (std::size_t k = 0; k < all.size(); ++k) {
-      if (!seen[k].link.accepted()) continue;
-      const Step& step = all[k];
-      agreed += steps_of_dvl.add(step.T_nav_a, step.T_nav_b, seen[k].link.T_a_b, seen[k].link.covariance,
-                                 step.quality, seen[k].range)
-                    ? 1
-                    : 0;
-    }
-    if (static_cast<double>(agreed) >= kMost * static_cast<double>(out.steps)) break;
-  }
-  const calibration::RangeError left{by_steps->rangeError().x(), by_steps->rangeError().y()};
+  const slam::DvlCalibration by_steps =
+      calibrationByMost(all, seen, config.navigation.noise, dvl_in_camera, prior,
+                        survey.navigation.poses[all.front().a].quality.sound_share);
+  const calibration::RangeError left{by_steps.rangeError().x(), by_steps.rangeError().y()};
   out.range.scale += left.scale;
   out.range.per_metre += left.per_metre;
-  out.range_sigma = by_steps->rangeSigma(range);
+  out.range_sigma = by_steps.rangeSigma(range);
   constexpr double kBeyondChance = 3;  // standard deviations
   return std::abs(left.at(range)) > kBeyondChance * out.range_sigma;
 }
