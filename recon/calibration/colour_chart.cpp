@@ -187,9 +187,9 @@ class ChartFit {
 };
 
 constexpr double kMostError = 12;  // median CIEDE2000 of patches left out
+constexpr int kNone = -1;          // no patch
 
-// The least cost of two starts: clear water, and much backscatter.
-constexpr int kNone = -1;
+// The least cost of two starts: clear water, and much backscatter. Medians are left to the caller.
 ColourCalibration fitted(const std::vector<ChartView>& views, int left_out) {
   ColourCalibration out;
   double least = std::numeric_limits<double>::infinity();

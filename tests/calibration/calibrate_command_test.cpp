@@ -283,8 +283,8 @@ TEST_F(ColourChart, OfRealPhotographsInAirAndWaterEachGivesABetterMatrixOrIsRefu
   struct Photograph {
     const char* name;
     std::size_t charts;
-    double
-        most;  // median CIEDE2000 of patches that the fit did not know, twice what was measured; 0: refused
+    // Median CIEDE2000 of patches that the fit did not know, at most twice what was measured; 0: refused.
+    double most;
     const char* reason;
   };
   for (const Photograph& p :

@@ -161,8 +161,8 @@ double tooLongByBoth(const std::vector<Step>& steps, const std::vector<SeenStep>
     by_altitude.push_back(std::log(seen[k].range / survey.planes[steps[k].b]->ahead()));
   }
   const double path = median(std::move(by_path)), altitude = median(std::move(by_altitude));
-  if (path * altitude <= 0 || std::min(std::abs(path), std::abs(altitude)) < kLeast) return 0;
-  return std::min(std::abs(path), std::abs(altitude));
+  const double both = std::min(std::abs(path), std::abs(altitude));
+  return path * altitude > 0 && both >= kLeast ? both : 0;
 }
 
 // A DVL may be noisier than it should: it counts as noisy as most steps show. By a smaller noise the few
