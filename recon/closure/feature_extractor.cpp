@@ -179,8 +179,8 @@ struct FeatureExtractor::Impl {
   // Fills `result`.
   void find(const ImageView& left, const ImageView& right, const DepthRange& range,
             const Eigen::Vector3d& ground);
-  // Without much of its noise, and its contrast raised to what it was with that.
-  static ImageView smoothed(const ImageView& image, cv::Mat& out);
+  // Without much of its noise; what stands out of its surroundings raised, where that is little.
+  ImageView smoothed(const ImageView& image, cv::Mat& out);
   // Pixel of the left image for a place in the image of the detector.
   [[nodiscard]] Eigen::Vector2d pixelOf(const Eigen::Vector2d& place) const {
     const Eigen::Vector2d half(0.5, 0.5);  // centres: x + 1/2 of the small image is shrink (x + 1/2)
@@ -197,7 +197,7 @@ struct FeatureExtractor::Impl {
   std::vector<cv::KeyPoint> points, matched;  // found by the detector; found in the right image too
   std::vector<Feature> places;                // of `matched`
   std::optional<FromAbove> from_above;
-  cv::Mat small, above, descriptors, smooth_left, smooth_right;
+  cv::Mat small, above, descriptors, smooth, around, smooth_left, smooth_right;
   FrameFeatures result, sharp;  // sharp: of images as they came, where these gave few
   std::function<void(const char* stage)> observer;
 };
@@ -223,14 +223,16 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
 }
 
 ImageView FeatureExtractor::Impl::smoothed(const ImageView& image, cv::Mat& out) {
-  constexpr double kSigma = 1;  // [px]
+  constexpr double kSigma = 1;                              // [px]
+  constexpr int kNear = 20, kFar = 40;                      // [px of the halved image]
+  constexpr double kMiddle = 128, kEnough = 12, kMost = 8;  // mean, mean deviation, gain
   const cv::Mat whole(image.height, image.width, CV_8UC1, const_cast<void*>(image.data), image.stride);
-  cv::Scalar mean, before, after;
-  cv::meanStdDev(whole, mean, before);
-  cv::GaussianBlur(whole, out, {}, kSigma);
-  cv::meanStdDev(out, mean, after);
-  const double gain = before[0] / std::max(after[0], 1.0);
-  out.convertTo(out, CV_8U, gain, (1 - gain) * mean[0]);
+  cv::GaussianBlur(whole, smooth, {}, kSigma);
+  cv::blur(whole, around, {shrink * kNear + 1, shrink * kNear + 1});
+  const double deviation = cv::norm(smooth, around, cv::NORM_L1) / static_cast<double>(whole.total());
+  const double gain = std::clamp(kEnough / std::max(deviation, 1e-3), 1.0, kMost);
+  cv::blur(whole, around, {shrink * kFar + 1, shrink * kFar + 1});
+  cv::addWeighted(smooth, gain, around, -gain, kMiddle, out);
   ImageView view = image;
   view.data = out.data, view.stride = out.step;
   return view;
@@ -298,8 +300,9 @@ const FrameFeatures& FeatureExtractor::process(const ImageView& left, const Imag
     return m.result;
 
   m.find(left, right, range, ground);
-  // In dim or murky water noise covers the texture of every pixel, but not that of several together.
-  constexpr std::size_t kFew = 100;
+  // In dim or murky water noise covers the texture of every pixel, but not that of several together; and the
+  // contrast that a picture was given may be that of shades and of marine snow.
+  constexpr std::size_t kFew = 70;
   if (m.result.size() < std::min(kFew, static_cast<std::size_t>(m.config.max_features) / 2)) {
     std::swap(m.result, m.sharp);
     m.find(m.smoothed(left, m.smooth_left), m.smoothed(right, m.smooth_right), range, ground);

@@ -37,8 +37,8 @@ class FeatureExtractor {
   // masked parts, give no features. `depths`: narrows the configured range, where the altitude is known.
   // `ground`: the seafloor's normal in the left camera's axes, away from the camera; in an oblique view
   // features are detected and described in the image rectified to a view from straight above, so that they
-  // are the same from all sides. Images that give few are tried once more with their noise smoothed, which
-  // takes as long again. The result is reused by the next call.
+  // are the same from all sides. Images that give few are tried once more, smoothed and of more contrast,
+  // which takes as long again. The result is reused by the next call.
   const FrameFeatures& process(const ImageView& left, const ImageView& right);
   const FrameFeatures& process(const ImageView& left, const ImageView& right, const DepthRange& depths,
                                const Eigen::Vector3d& ground = Eigen::Vector3d::UnitZ());

@@ -9,10 +9,13 @@
 
 #include "firmware_if/mission/mission.hpp"
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/hash64.hpp"
 #include "realtime/base/units.hpp"
+#include "recon/topside/calibration/free_matches.hpp"
 #include "recon/topside/commands/commands.hpp"
 #include "tests/support/test_data.hpp"
 #include "tests/support/text_files.hpp"
+#include "tests/world/rigs.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -66,6 +69,49 @@ std::string textOf(const MissionVerdict& verdict) {
   std::string text;
   for (const auto& line : verdict.lines) text += std::string(nameOf(line.kind)) + ": " + line.text + "\n";
   return text;
+}
+
+// Flat ground of little contrast 2 m below, and a speck of marine snow before it that the strobes saturate.
+std::vector<std::uint8_t> dimGroundBehindSnow(const Camera& camera, const SE3& T_cam_left) {
+  constexpr double kGround = 2, kCell = 0.012, kLevel = 90, kContrast = 8, kSaturated = 255;
+  const auto at = [](std::int64_t i, std::int64_t j) {
+    return static_cast<double>(hash64(static_cast<std::uint64_t>(i * 100003 + j)) >> 40) / (1 << 24) - 0.5;
+  };
+  const SE3 T_left_cam = T_cam_left.inverse();
+  const Eigen::Vector2d speck = camera.project(T_cam_left * Eigen::Vector3d(0.1, 0.1, 1));
+  std::vector<std::uint8_t> image;
+  for (int y = 0; y < camera.height; ++y)
+    for (int x = 0; x < camera.width; ++x) {
+      const Eigen::Vector3d ray = T_left_cam.rotation() * camera.ray({x, y});
+      const Eigen::Vector3d from = T_left_cam.translation();
+      const Eigen::Vector3d place = (from + (kGround - from.z()) / ray.z() * ray) / kCell;
+      const auto i = static_cast<std::int64_t>(std::floor(place.x())),
+                 j = static_cast<std::int64_t>(std::floor(place.y()));
+      const double u = place.x() - std::floor(place.x()), v = place.y() - std::floor(place.y());
+      const double ground = (1 - v) * ((1 - u) * at(i, j) + u * at(i + 1, j)) +
+                            v * ((1 - u) * at(i, j + 1) + u * at(i + 1, j + 1));
+      const bool snow = (Eigen::Vector2d(x, y) - speck).norm() < 2;
+      image.push_back(static_cast<std::uint8_t>(snow ? kSaturated : kLevel + kContrast * ground));
+    }
+  return image;
+}
+
+TEST(FreeMatches, ASpeckThatOutshinesTheGroundDoesNotHideIt) {
+  const StereoRig rig = test::smallRig();
+  const auto left = dimGroundBehindSnow(rig.left, SE3()),
+             right = dimGroundBehindSnow(rig.right, rig.T_right_left);
+  const auto viewOf = [](const std::vector<std::uint8_t>& image, const Camera& camera) {
+    return ImageView{image.data(),       camera.width,
+                     camera.height,      static_cast<std::size_t>(camera.width),
+                     PixelFormat::kMono, 8};
+  };
+  const auto matches = matchFreely(rig, viewOf(left, rig.left), viewOf(right, rig.right), {});
+  std::vector<double> off;
+  for (const RigMatch& match : matches) off.push_back(std::abs(calibration::epipolarError(rig, match)));
+  std::sort(off.begin(), off.end());
+  ASSERT_GT(matches.size(), 200u);
+  std::printf("%zu matches, median %.3f px off\n", matches.size(), off[off.size() / 2]);
+  EXPECT_LT(off[off.size() / 2], 0.2);
 }
 
 TEST(MissionCheck, TheRigAsItIsPasses) {

@@ -91,6 +91,30 @@ TEST(Features, OfNoisyImagesAreTheGroundsAndOnTheTrueSurface) {
   EXPECT_GT(static_cast<double>(near), 0.8 * static_cast<double>(frame.size()));
 }
 
+// Ground of a few grey levels, brighter to one side, behind specks of marine snow.
+TEST(Features, OfGroundOfLittleContrastAreAsManyAsOfOther) {
+  auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
+  std::mt19937 random(5);
+  for (auto* image : {&images.first, &images.second}) {
+    for (std::size_t k = 0; k < image->pixels.size(); ++k) {
+      const double shade = 100.0 * static_cast<double>(k % 480) / 480;
+      image->pixels[k] = static_cast<std::uint8_t>(60 + shade + 0.08 * (image->pixels[k] - 100));
+    }
+    for (int speck = 0; speck < 30; ++speck) image->pixels[random() % image->pixels.size()] = 255;
+  }
+  FeatureExtractor extractor(smallRig(), {});
+  const FrameFeatures& frame = extractor.process(images.first.view(), images.second.view());
+  std::size_t near = 0;
+  for (const Feature& f : frame.features) {
+    const Eigen::Vector3d ray = smallRig().left.ray(f.left.cast<double>());
+    const double z = 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
+    near += std::abs(static_cast<double>(f.point.z()) - z) < 0.1 ? 1 : 0;
+  }
+  std::printf("%zu features, %zu near the ground\n", frame.size(), near);
+  EXPECT_GT(near, 200U);
+  EXPECT_GT(static_cast<double>(near), 0.9 * static_cast<double>(frame.size()));
+}
+
 TEST(Features, AreNoneForEmptyWrongOrFlatImages) {
   FeatureExtractor extractor(smallRig(), {});
   EXPECT_EQ(extractor.process({}, {}).size(), 0U);

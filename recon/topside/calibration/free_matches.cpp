@@ -19,8 +19,10 @@
 namespace fathom::topside {
 namespace {
 
-constexpr int kCorners = 600;             // wanted in an image
-constexpr double kQuality = 0.005;        // of the best corner
+constexpr int kCorners = 600;  // wanted in an image
+// Of the best corner, by Harris' measure, which goes with the contrast's fourth power: ground of a few grey
+// levels beside a speck that the strobes saturate.
+constexpr double kQuality = 1e-10;
 constexpr double kSpacing = 1.0 / 45;     // between corners, of the image's width
 constexpr int kWindow = 21, kLevels = 3;  // reach: about 80 px at full size, 20 px at a quarter
 constexpr double kBackAgain = 0.3;        // farther from the start after tracking back: no match [px]
