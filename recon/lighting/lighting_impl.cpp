@@ -22,10 +22,10 @@ void LightingModel::Impl::predict(const ChannelModel& channel, Errors& errors) c
           count += 1;
           sums[0] += measured - static_cast<double>(channel.whole().log_mean);
           sums[1] += measured - static_cast<double>(channel.plain(n).log_mean);
-          if (!(ranges[n] > 0) || !channel.knowsRange()) continue;
+          if (!(nodes.ranges[n] > 0) || !channel.knowsRange()) continue;
           count_range += 1;
-          sums[2] +=
-              measured - static_cast<double>(channel.atRange(n, RangeBins::position(ranges[n])).log_mean);
+          sums[2] += measured -
+                     static_cast<double>(channel.atRange(n, RangeBins::position(nodes.ranges[n])).log_mean);
         }
       for (std::size_t k = 0; k < 3; ++k) {
         const double in = k == 2 ? count_range : count;
@@ -37,7 +37,7 @@ void LightingModel::Impl::predict(const ChannelModel& channel, Errors& errors) c
 }
 
 template <typename T>
-bool LightingModel::Impl::unlit(const ImageView& image, float exposed) const {
+bool LightingModel::Impl::unlitOf(const ImageView& image, float exposed, const NodeGround& at) const {
   constexpr float kUnlit = 0.15F;  // of the expected brightness
   const ChannelModel& channel = channels.front();
   if (!channel.known()) return false;
@@ -54,13 +54,26 @@ bool LightingModel::Impl::unlit(const ImageView& image, float exposed) const {
       const T* line = static_cast<const T*>(image.data) + y * (image.stride / sizeof(T));
       const float measured =
           static_cast<float>(line[x * static_cast<std::size_t>(format == PixelFormat::kRgb ? 3 : 1)]);
-      const bool ranged = ranges[n] > 0 && channel.knowsRange();
+      const bool ranged = at.ranges[n] > 0 && channel.knowsRange();
       if (!ranged && !plain) continue;
-      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
-      const float expected = channel.lit(std::exp(level.log_mean), exposed * slopes[n]);
+      const Level level = ranged ? channel.atRange(n, RangeBins::position(at.ranges[n])) : channel.plain(n);
+      const float expected = channel.lit(std::exp(level.log_mean), exposed * at.slopes[n]);
       dark += measured / full - black < kUnlit * (expected - black);
     }
   return 2 * dark > lattice.size();
+}
+
+bool LightingModel::Impl::unlit(const ImageView& image, float exposed, const NodeGround& at) const {
+  return bits == 8 ? unlitOf<std::uint8_t>(image, exposed, at) : unlitOf<std::uint16_t>(image, exposed, at);
+}
+
+void LightingModel::Impl::lookAt(const RangeLattice* range, NodeGround& out) const {
+  for (int j = 0; j < lattice.rows; ++j)
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
+      out.ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
+      out.slopes[n] = out.ranges[n] > 0 ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j))) : 1;
+    }
 }
 
 template <typename T>
@@ -68,7 +81,8 @@ void LightingModel::Impl::learn(const ImageView& image, const RangeLattice* rang
   Errors errors;
   for (std::size_t c = 0; c < channels.size(); ++c) {
     ChannelModel& channel = channels[c];
-    channel.statistics().add<T>(image, static_cast<float>(config.saturated), exposed, slopes, ranges, means);
+    channel.statistics().add<T>(image, static_cast<float>(config.saturated), exposed, nodes.slopes,
+                                nodes.ranges, means);
     if (solved_images < config.min_images || !channel.known()) continue;
     predict(channel, errors);
     learnRatios(c, range);
@@ -83,12 +97,14 @@ void LightingModel::Impl::learnRatios(std::size_t c, const RangeLattice* range) 
     for (int i = 0; i < lattice.columns; ++i) {
       const auto n = static_cast<std::size_t>(j * lattice.columns + i);
       if (means[n] <= 0) continue;
-      const bool ranged = ranges[n] > 0 && channel.knowsRange();
-      const Level level = ranged ? channel.atRange(n, RangeBins::position(ranges[n])) : channel.plain(n);
+      const bool ranged = nodes.ranges[n] > 0 && channel.knowsRange();
+      const Level level =
+          ranged ? channel.atRange(n, RangeBins::position(nodes.ranges[n])) : channel.plain(n);
       const float expected = std::exp(level.log_mean);
       RangeLattice::Ground ground;
       if (ranged) ground = range->groundAt(lattice.u(i), lattice.v(j));
-      colour->learn(c, channel.lit(expected, slopes[n]), means[n] / expected, ranged ? &ground : nullptr);
+      colour->learn(c, channel.lit(expected, nodes.slopes[n]), means[n] / expected,
+                    ranged ? &ground : nullptr);
     }
 }
 
@@ -98,14 +114,9 @@ void LightingModel::Impl::add(const ImageView& image, const RangeLattice* range,
     return;
   }
   if (exposure == 0 && exposure_s > 0 && std::isfinite(exposure_s)) exposure = exposure_s;
-  for (int j = 0; j < lattice.rows; ++j)
-    for (int i = 0; i < lattice.columns; ++i) {
-      const auto n = static_cast<std::size_t>(j * lattice.columns + i);
-      ranges[n] = range == nullptr ? 0.0F : range->at(lattice.u(i), lattice.v(j));
-      slopes[n] = ranges[n] > 0 ? colour->lit(range->groundAt(lattice.u(i), lattice.v(j))) : 1;
-    }
+  lookAt(range, nodes);
   const float exposed = brightness(exposure_s);
-  if (bits == 8 ? unlit<std::uint8_t>(image, exposed) : unlit<std::uint16_t>(image, exposed)) {
+  if (unlit(image, exposed, nodes)) {
     ++ignored;
     return;
   }

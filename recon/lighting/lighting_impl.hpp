@@ -73,6 +73,11 @@ struct Task {
 inline constexpr std::size_t kMaxChannels = 4;
 using NodeRow = std::array<std::array<Correction, NodeLattice::kMaxSide>, kMaxChannels>;
 
+// What an image shows at each node: range [m], 0 unknown, and how its slope answers to the lamps.
+struct NodeGround {
+  std::vector<float> ranges, slopes;
+};
+
 // State of a LightingModel: lighting_impl.cpp learns, lighting_model.cpp corrects.
 struct LightingModel::Impl {
   int width, height;
@@ -83,8 +88,9 @@ struct LightingModel::Impl {
   NodeLattice lattice;
   RowPlan plan;
   std::vector<ChannelModel> channels;
-  std::vector<float> ranges, slopes, means;  // of an image being learnt, by node
-  std::optional<ColourLight> colour;         // always there
+  NodeGround nodes;                   // of an image being learnt
+  std::vector<float> means;           // of it, by node
+  std::optional<ColourLight> colour;  // always there
   ModelChoice choice;
   int images = 0, solved_images = 0;
   int held = 0;         // images that what was learnt weighs
@@ -106,8 +112,11 @@ struct LightingModel::Impl {
   }
   void add(const ImageView& image, const RangeLattice* range, double exposure_s);
   // Whether the strobes stayed dark: more than half of the image is far below the expected brightness.
+  [[nodiscard]] bool unlit(const ImageView& image, float exposed, const NodeGround& at) const;
   template <typename T>
-  [[nodiscard]] bool unlit(const ImageView& image, float exposed) const;
+  [[nodiscard]] bool unlitOf(const ImageView& image, float exposed, const NodeGround& at) const;
+  // `out` has an entry for each node. Null: unknown.
+  void lookAt(const RangeLattice* range, NodeGround& out) const;
   template <typename T>
   void learn(const ImageView& image, const RangeLattice* range, float exposed);
   // Gives ColourLight the ratios of measured to expected node means.

@@ -202,9 +202,9 @@ LightingModel::LightingModel(int width, int height, PixelFormat format, int bits
   impl_->samples_per_pixel = format == PixelFormat::kRgb ? 3 : 1;
   impl_->lattice = lattice;
   impl_->plan = RowPlan(width, lattice.columns);
-  impl_->ranges.resize(lattice.size());
+  impl_->nodes.ranges.resize(lattice.size());
   impl_->means.resize(lattice.size());
-  impl_->slopes.resize(lattice.size());
+  impl_->nodes.slopes.resize(lattice.size());
   for (const Channel& channel : channelsOf(width, height, format))
     impl_->channels.emplace_back(channel, lattice);
   impl_->colour.emplace(impl_->channels.size(), impl_->encoded(), bits, config.target_mean);
@@ -218,6 +218,13 @@ int LightingModel::images() const {
 
 std::uint64_t LightingModel::ignoredImages() const {
   return impl_->ignored;
+}
+
+bool LightingModel::unlit(const ImageView& image, const RangeLattice& range, double exposure_s) const {
+  if (!impl_->fits(image)) return false;
+  NodeGround at{std::vector<float>(impl_->lattice.size()), std::vector<float>(impl_->lattice.size())};
+  impl_->lookAt(&range, at);
+  return impl_->unlit(image, impl_->brightness(exposure_s), at);
 }
 
 void LightingModel::add(const ImageView& image, const RangeLattice& range, double exposure_s) {
@@ -309,7 +316,7 @@ LightingModel::Report LightingModel::report() const {
   report.error_whole = m.choice.error(LightingKind::kWholeImage);
   report.error_plain = m.choice.error(LightingKind::kPlain);
   report.error_range = m.choice.error(LightingKind::kRangeDependent);
-  report.memory_bytes = sizeof(Impl) + 3 * m.ranges.capacity() * sizeof(float);
+  report.memory_bytes = sizeof(Impl) + 3 * m.means.capacity() * sizeof(float);
   report.tilt = static_cast<double>(m.colour->tilt().strength());
   report.lamp = m.colour->tilt().lamp();
   for (std::size_t c = 0; c < m.channels.size(); ++c)

@@ -100,6 +100,9 @@ class LightingModel {
   [[nodiscard]] int images() const;
   // Images of another shape, or taken while the strobes stayed dark.
   [[nodiscard]] std::uint64_t ignoredImages() const;
+  // Whether the strobes stayed dark: most of the image is below a seventh of what is expected of lit ground
+  // at those ranges. False of a wrong shape, and before anything is known.
+  [[nodiscard]] bool unlit(const ImageView& image, const RangeLattice& range, double exposure_s = 0) const;
 
   // Corrects into 8 bits of the same mosaic, mono or RGB; `out` has width * height (RGB: times 3) bytes, row
   // after row. Before the first image full scale becomes 255; a wrongly shaped image becomes black. Without

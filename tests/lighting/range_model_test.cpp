@@ -141,6 +141,12 @@ TEST(RangeModel, LearnsNothingFromStrobesThatStayedDark) {
   }
   EXPECT_EQ(lit.ignoredImages(), 0U);
   EXPECT_EQ(model.ignoredImages(), unlit);
+  for (const double altitude : {1.5, 2.0, 3.0}) {
+    const auto at = SyntheticRangeDive::ranges(altitude);
+    const auto picture = scene.textured(altitude);
+    EXPECT_TRUE(model.unlit(SyntheticRangeDive::view(dark), at)) << altitude;
+    EXPECT_FALSE(model.unlit(SyntheticRangeDive::view(picture), at)) << altitude;
+  }
   EXPECT_EQ(correctedEven(model, 3.0), correctedEven(lit, 3.0));
 }
 

@@ -58,6 +58,10 @@ ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
   return left();
 }
 
+bool PairImages::unlit(const stereo::SeedPlane& plane) {
+  return models_.left.unlit(files_[0].view, ranges_[0].of(plane, {}), exposures_s_[0]);
+}
+
 ImageView PairImages::left() const {
   return eightBitView(left_mono_, rig_.left, PixelFormat::kMono, files_[0].view.mask);
 }

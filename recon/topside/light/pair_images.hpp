@@ -57,6 +57,8 @@ class PairImages {
   [[nodiscard]] ImageView correctLeft(const stereo::SeedPlane& plane);
   // Corrects both by the ranges to a plane; then the views below hold 8-bit mono images.
   void correct(const stereo::SeedPlane& plane);
+  // Whether the left image was taken while the strobes stayed dark.
+  [[nodiscard]] bool unlit(const stereo::SeedPlane& plane);
   [[nodiscard]] ImageView left() const;
   [[nodiscard]] ImageView right() const;
 

@@ -68,11 +68,13 @@ void addDeviations(Hasher& hasher, const PieceInputs& in, const fusion::Piece& p
 
 surface::ViewIndex viewsOf(const PieceInputs& in, const fusion::Piece& piece) {
   std::vector<surface::View> views;
-  for (const std::uint32_t pair : piece.meshes)
+  for (const std::uint32_t pair : piece.meshes) {
+    if (in.prepared->facts()[pair].unlit) continue;
     for (std::uint32_t camera = 0; camera < in.cameras->size(); ++camera)
       views.push_back({viewOf(pair, camera, in.cameras->size()),
                        (*in.T_nav_cam)[pair] * (*in.cameras)[camera].T_left_cam, (*in.footprints)[pair].box,
                        camera});
+  }
   return surface::ViewIndex(std::move(views));
 }
 

@@ -75,6 +75,8 @@ class FromImages final : public PairPreparer {
       const RgbImage colours = images_.colours(plane, points);
       out.mesh = stereo::toMesh(found, {colours.rgb.data(), colours.width, colours.height,
                                         3 * static_cast<std::size_t>(colours.width), PixelFormat::kRgb, 8});
+      out.unlit = images_.unlit(plane);
+      if (out.unlit) out.mesh.colours.clear();
     }
     out.times[PairStage::kMesh] = watch.lap();
     return out;

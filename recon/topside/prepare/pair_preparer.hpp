@@ -18,7 +18,8 @@ namespace fathom::topside {
 struct PreparedPair {
   std::string unreadable;           // the error's line, if an image could not be read
   closure::FrameFeatures features;  // for localisation
-  Mesh mesh;  // left camera frame, with sigma and colours; empty if there were too few points
+  Mesh mesh;           // left camera frame, with sigma and colours; empty if there were too few points
+  bool unlit = false;  // its strobes stayed dark: no colours
   std::size_t points = 0;
   std::uint32_t corners = 0;
   stereo::StereoResult::Rejected rejected;

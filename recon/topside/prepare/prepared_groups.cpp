@@ -27,7 +27,8 @@ void writePrepared(WorkFileWriter& file, std::size_t first_pair, const std::vect
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const PreparedPair& pair = pairs[k];
     facts.push_back({placed[k], pair.unreadable, pair.points, pair.corners,
-                     static_cast<std::uint32_t>(pair.features.size()), pair.rejected, !pair.mesh.empty()});
+                     static_cast<std::uint32_t>(pair.features.size()), pair.rejected, !pair.mesh.empty(),
+                     pair.unlit});
     if (!pair.mesh.empty()) file.add(meshName(first_pair + k), meshBytes(pair.mesh));
     if (pair.features.size() == 0) continue;
     Bytes slot(closure::slotBytes(pair.features.size()));

@@ -21,12 +21,12 @@ struct PairFacts {
   std::uint64_t points = 0;
   std::uint32_t corners = 0, features = 0;
   stereo::StereoResult::Rejected rejected;
-  bool has_mesh = false;
+  bool has_mesh = false, unlit = false;
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
     archive(self.placed, self.unreadable, self.points, self.corners, self.features, self.rejected,
-            self.has_mesh);
+            self.has_mesh, self.unlit);
   }
 };
 
