@@ -31,6 +31,9 @@ class ColourCameras : public ReefQuick {
     scenario.scale = 0.25;
     scenario.optics.sensor.left_format = left;
     scenario.optics.sensor.right_format = right;
+    return made(name, scenario);
+  }
+  static RunPlaces made(const std::string& name, const sim::Scenario& scenario) {
     const std::filesystem::path mission = out_->path() / name;
     (void)sim::makeMission(scenario, {mission, false, 0, false, {}});
     return {mission, mission / "topside.work", mission / "topside", {}};
@@ -55,6 +58,18 @@ TEST_F(ColourCameras, AGreyLeftCameraLeavesColourToTheRightOne) {
               hueCorrelation(usual(), right));
   EXPECT_NEAR(chromaOf(right), chromaOf(usual()), 0.3 * chromaOf(usual()));
   EXPECT_GT(hueCorrelation(usual(), right), 0.8);
+}
+
+// Daylight shows the ground in those pictures, dim and green.
+TEST_F(ColourCameras, PicturesThatTheStrobesLeftDarkLeaveNoBlot) {
+  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/reef-quick.toml");
+  scenario.scale = 0.25;
+  scenario.optics.daylight.irradiance = 0.15;
+  const Mesh all_lit = modelOf(made("lit", scenario));
+  scenario.optics.dark_probability = 0.4;
+  const Mesh some_dark = modelOf(made("dark", scenario));
+  std::printf("colours %.1f off those of pictures that were all lit\n", colourDifference(all_lit, some_dark));
+  EXPECT_LT(colourDifference(all_lit, some_dark), 12);
 }
 
 // The right camera's pictures as if a third one's, the pair's as grey as machine vision has them.
