@@ -197,7 +197,7 @@ struct FeatureExtractor::Impl {
   std::vector<cv::KeyPoint> points, matched;  // found by the detector; found in the right image too
   std::vector<Feature> places;                // of `matched`
   std::optional<FromAbove> from_above;
-  cv::Mat small, above, descriptors, smooth, around, smooth_left, smooth_right;
+  cv::Mat small, above, descriptors, around, smooth_left, smooth_right;
   FrameFeatures result, sharp;  // sharp: of images as they came, where these gave few
   std::function<void(const char* stage)> observer;
 };
@@ -227,12 +227,12 @@ ImageView FeatureExtractor::Impl::smoothed(const ImageView& image, cv::Mat& out)
   constexpr int kNear = 20, kFar = 40;                      // [px of the halved image]
   constexpr double kMiddle = 128, kEnough = 12, kMost = 8;  // mean, mean deviation, gain
   const cv::Mat whole(image.height, image.width, CV_8UC1, const_cast<void*>(image.data), image.stride);
-  cv::GaussianBlur(whole, smooth, {}, kSigma);
+  cv::GaussianBlur(whole, out, {}, kSigma);
   cv::blur(whole, around, {shrink * kNear + 1, shrink * kNear + 1});
-  const double deviation = cv::norm(smooth, around, cv::NORM_L1) / static_cast<double>(whole.total());
+  const double deviation = cv::norm(out, around, cv::NORM_L1) / static_cast<double>(whole.total());
   const double gain = std::clamp(kEnough / std::max(deviation, 1e-3), 1.0, kMost);
   cv::blur(whole, around, {shrink * kFar + 1, shrink * kFar + 1});
-  cv::addWeighted(smooth, gain, around, -gain, kMiddle, out);
+  cv::addWeighted(out, gain, around, -gain, kMiddle, out);
   ImageView view = image;
   view.data = out.data, view.stride = out.step;
   return view;

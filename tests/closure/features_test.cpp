@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -22,6 +23,18 @@ Seafloor slope() {
   return {[](double n, double e) { return 2.0 + 0.15 * n - 0.1 * e; }, test::randomTexture(0.006, 9)};
 }
 
+// Of slope() along a feature's ray; camera and nav frames are the same in sample().
+double slopeAlong(const Feature& feature) {
+  const Eigen::Vector3d ray = smallRig().left.ray(feature.left.cast<double>());
+  return 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
+}
+
+std::size_t nearSlope(const FrameFeatures& frame) {
+  return static_cast<std::size_t>(std::count_if(
+      frame.features.begin(), frame.features.end(),
+      [](const Feature& f) { return std::abs(static_cast<double>(f.point.z()) - slopeAlong(f)) < 0.1; }));
+}
+
 FrameFeatures sample(const FeatureConfig& config = {}) {
   const auto images = test::shoot(slope(), smallRig(), lookingDown(0, 0, 0, 0), 1);
   FeatureExtractor extractor(smallRig(), config);
@@ -33,10 +46,7 @@ TEST(Features, AreOnTheTrueSurfaceWithinTheirCovariance) {
   ASSERT_GT(frame.size(), 200U);
   double sum = 0;
   for (const Feature& f : frame.features) {
-    // Camera and nav frames are the same here: z = 2 + 0.15 x - 0.1 y along the left pixel's ray.
-    const Eigen::Vector3d ray = smallRig().left.ray(f.left.cast<double>());
-    const double z = 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
-    const double error = static_cast<double>(f.point.z()) - z;
+    const double error = static_cast<double>(f.point.z()) - slopeAlong(f);
     sum += error * error / static_cast<double>(f.covariance[5]);
   }
   const double ratio = std::sqrt(sum / static_cast<double>(frame.size()));
@@ -81,12 +91,7 @@ TEST(Features, OfNoisyImagesAreTheGroundsAndOnTheTrueSurface) {
       p = static_cast<std::uint8_t>(std::clamp(100 + 0.4 * (p - 100) + noise(random), 0.0, 255.0));
   FeatureExtractor extractor(smallRig(), {});
   const FrameFeatures& frame = extractor.process(images.first.view(), images.second.view());
-  std::size_t near = 0;
-  for (const Feature& f : frame.features) {
-    const Eigen::Vector3d ray = smallRig().left.ray(f.left.cast<double>());
-    const double z = 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
-    near += std::abs(static_cast<double>(f.point.z()) - z) < 0.1 ? 1 : 0;
-  }
+  const std::size_t near = nearSlope(frame);
   EXPECT_GT(near, 24U);
   EXPECT_GT(static_cast<double>(near), 0.8 * static_cast<double>(frame.size()));
 }
@@ -104,12 +109,7 @@ TEST(Features, OfGroundOfLittleContrastAreAsManyAsOfOther) {
   }
   FeatureExtractor extractor(smallRig(), {});
   const FrameFeatures& frame = extractor.process(images.first.view(), images.second.view());
-  std::size_t near = 0;
-  for (const Feature& f : frame.features) {
-    const Eigen::Vector3d ray = smallRig().left.ray(f.left.cast<double>());
-    const double z = 2.0 / (1 - 0.15 * ray.x() + 0.1 * ray.y());
-    near += std::abs(static_cast<double>(f.point.z()) - z) < 0.1 ? 1 : 0;
-  }
+  const std::size_t near = nearSlope(frame);
   std::printf("%zu features, %zu near the ground\n", frame.size(), near);
   EXPECT_GT(near, 400U);
   EXPECT_GT(static_cast<double>(near), 0.99 * static_cast<double>(frame.size()));

@@ -25,10 +25,14 @@ using testing::HasSubstr;
 
 class ColourCameras : public ReefQuick {
  protected:
-  // The dive of reef-quick by cameras of other formats.
-  static RunPlaces taken(const std::string& name, PixelFormat left, PixelFormat right) {
+  static sim::Scenario reefQuick() {
     sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/reef-quick.toml");
     scenario.scale = 0.25;
+    return scenario;
+  }
+  // The dive of reef-quick by cameras of other formats.
+  static RunPlaces taken(const std::string& name, PixelFormat left, PixelFormat right) {
+    sim::Scenario scenario = reefQuick();
     scenario.optics.sensor.left_format = left;
     scenario.optics.sensor.right_format = right;
     return made(name, scenario);
@@ -62,8 +66,7 @@ TEST_F(ColourCameras, AGreyLeftCameraLeavesColourToTheRightOne) {
 
 // Daylight shows the ground in those pictures, dim and green.
 TEST_F(ColourCameras, PicturesThatTheStrobesLeftDarkLeaveNoBlot) {
-  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/reef-quick.toml");
-  scenario.scale = 0.25;
+  sim::Scenario scenario = reefQuick();
   scenario.optics.daylight.irradiance = 0.15;
   const Mesh all_lit = modelOf(made("lit", scenario));
   scenario.optics.dark_probability = 0.4;

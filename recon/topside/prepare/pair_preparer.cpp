@@ -70,19 +70,22 @@ class FromImages final : public PairPreparer {
     take(found, out);
     out.times[PairStage::kStereo] = watch.lap();
     if (enough(found, config_)) {
-      std::vector<Eigen::Vector3f> points;
-      for (const stereo::StereoPoint& p : found.points) points.push_back(p.point);
-      const RgbImage colours = images_.colours(plane, points);
-      out.mesh = stereo::toMesh(found, {colours.rgb.data(), colours.width, colours.height,
-                                        3 * static_cast<std::size_t>(colours.width), PixelFormat::kRgb, 8});
       out.unlit = images_.unlit(plane);
-      if (out.unlit) out.mesh.colours.clear();
+      out.mesh = out.unlit ? stereo::toMesh(found, {}) : coloured(found, plane);
     }
     out.times[PairStage::kMesh] = watch.lap();
     return out;
   }
 
  private:
+  Mesh coloured(const stereo::StereoResult& found, const stereo::SeedPlane& plane) {
+    std::vector<Eigen::Vector3f> points;
+    for (const stereo::StereoPoint& p : found.points) points.push_back(p.point);
+    const RgbImage colours = images_.colours(plane, points);
+    return stereo::toMesh(found, {colours.rgb.data(), colours.width, colours.height,
+                                  3 * static_cast<std::size_t>(colours.width), PixelFormat::kRgb, 8});
+  }
+
   const TopsideConfig& config_;
   PairImages images_;
   std::optional<closure::FeatureExtractor> extractor_;
