@@ -220,6 +220,38 @@ TEST(OutlierGating, AKeyframeBeginsWhereImagesSawIt) {
   EXPECT_LT(off.log().norm(), 3e-3);  // standard deviation of the turn that all links share: 2 mrad
 }
 
+// A DVL that takes a layer in the water for the bottom moves with it, and then loses it. The first step of
+// that shows no ground that images know.
+TEST(OutlierGating, AFalseBottomThatBeginsBetweenLinksAndEndsInSilenceIsTheDvls) {
+  const testing::SyntheticDiveOptions options;
+  const testing::SyntheticDive survey = makeDive(options);
+  constexpr int kFirst = 8;  // on a line
+  for (const int steps : {2, 4, 8})
+    for (const double speed : {-0.25, 0.25}) {
+      NavigationGraph graph(testing::smallConfig());
+      driveOn(graph, survey, options, kFirst);
+      Eigen::Vector3d drift = Eigen::Vector3d::Zero();
+      const int last = kFirst + steps + 3;
+      for (int k = kFirst; k <= last; ++k) {
+        KeyframeInput input = survey.inputs[static_cast<std::size_t>(k)];
+        const double elapsed =
+            static_cast<double>(input.utc_ns - survey.inputs[static_cast<std::size_t>(k - 1)].utc_ns) * 1e-9;
+        drift.y() += speed * elapsed;
+        input.T_odom_cam = SE3(input.T_odom_cam.rotation(), input.T_odom_cam.translation() + drift);
+        if (k >= kFirst + steps) input.unlocked_s = elapsed;
+        ASSERT_EQ(graph.addKeyframe(input), k);
+        if (k > kFirst)
+          (void)graph.addLink(LinkKind::kOdometry, k - 1, k,
+                              survey.visual[static_cast<std::size_t>(k - 1)].T_a_b, survey.link_covariance);
+        graph.judge();
+      }
+      const auto truth = [&](int k) { return survey.truth[static_cast<std::size_t>(k)]; };
+      const SE3 off = (truth(kFirst).inverse() * truth(last)).inverse() *
+                      (graph.pose(kFirst).inverse() * graph.pose(last));
+      EXPECT_LT(off.translation().norm(), 0.05) << steps << " steps, " << speed << " m/s";
+    }
+}
+
 // Images that saw level ground curved, as a calibration may leave it, are turned along each mounting's own
 // axes: closures show it, and without them the compass alone.
 TEST(OutlierGating, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooksDown) {

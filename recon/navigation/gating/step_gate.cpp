@@ -14,7 +14,8 @@ constexpr double kYawUnjudged = 1.0;  // variance of a step's yaw, which Heading
 constexpr double kOfTurn = 0.01;
 // A velocity that differs from the one before by twice as much as the other, and this, is the outlier.
 constexpr double kOutlierRatio = 2, kLeastChange_mps = 0.05;
-constexpr double kStaleVelocity_s = 10;  // older, it says nothing of the present one
+constexpr double kMostAcceleration = 0.1;  // of a vehicle [m/s2]
+constexpr double kStaleVelocity_s = 10;    // older, it says nothing of the present one
 
 // A path in odom's axes, level, ahead and to starboard of a heading [m].
 Eigen::Vector2d levelPath(const Eigen::Vector3d& path, double heading) {
@@ -60,10 +61,15 @@ void VelocityGate::judge(const Keyframe& from, Keyframe& to, const VisualStep& v
   };
   const Eigen::Vector2d by_reckoning = velocity(dvl_.corrected(from.T_odom_cam, to.T_odom_cam));
   const bool locked = to.quality.seconds_unlocked == 0;
+  unseen_s_ += elapsed;
   if (!visual.linked) {
-    if (locked && !counters.dvl_rejected) velocity_ = by_reckoning;
+    // A false bottom may begin just where images show nothing.
+    if (locked && !counters.dvl_rejected &&
+        (by_reckoning - velocity_).norm() <= kLeastChange_mps + kMostAcceleration * unseen_s_)
+      velocity_ = by_reckoning, unseen_s_ = 0;
     return;
   }
+  unseen_s_ = 0;
   const Eigen::Vector2d by_images = velocity(from.T_odom_cam * visual.link.T_a_b);
   const auto calibrate = [&] {
     if (locked && to.heading.visual)
@@ -71,6 +77,9 @@ void VelocityGate::judge(const Keyframe& from, Keyframe& to, const VisualStep& v
                      to.range);
   };
   if (agreesButForYaw(from, to, visual, 0)) {
+    // A DVL that has lost the bottom contradicts no more: the images go on as before, or they do not.
+    if (!locked && (by_images - velocity_).norm() > kLeastChange_mps + kMostAcceleration * elapsed)
+      rejectDvlInstead();
     contradictions_ = rejected_links_ = 0;
     if (++agreements_ >= config.reject_after) counters.dvl_rejected = false;
     velocity_ = by_images;

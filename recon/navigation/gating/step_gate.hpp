@@ -18,7 +18,8 @@ struct VisualStep {
 
 // Gate between the DVL's step and visual odometry, by the velocities that they give: of two that contradict
 // each other, the one that changes the velocity more is the outlier, as a vehicle of a hundred kilograms does
-// not change it in a second. After `reject_after` such steps in a row it is the other one after all.
+// not change it in a second. After `reject_after` such steps in a row it is the other one after all, and
+// where the DVL then loses the bottom and the images go on as they did.
 class VelocityGate {
  public:
   VelocityGate(KeyframeStore& keyframes, DvlCalibration& dvl) : keyframes_(keyframes), dvl_(dvl) {}
@@ -39,7 +40,7 @@ class VelocityGate {
   void reset();
 
   static void exchange(auto& archive, auto& self) {
-    archive(self.velocity_, self.contradictions_, self.rejected_links_, self.agreements_);
+    archive(self.velocity_, self.unseen_s_, self.contradictions_, self.rejected_links_, self.agreements_);
   }
 
  private:
@@ -49,6 +50,7 @@ class VelocityGate {
   DvlCalibration& dvl_;
   // Of the newest step, level, ahead and to starboard, by the sensor that was accepted [m/s].
   Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();
+  double unseen_s_ = 0;                                           // since then [s]
   int contradictions_ = 0, rejected_links_ = 0, agreements_ = 0;  // steps in a row
 };
 

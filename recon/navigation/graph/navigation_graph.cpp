@@ -18,7 +18,7 @@ constexpr std::size_t kSpare = 32;
 constexpr int kNewestKept = HeadingGate::kWindow, kLeastKept = 4;
 constexpr std::size_t kMostNamed = 2 * kMostLinks;
 
-constexpr std::uint32_t kGraphTag = rt::stateTag("GRPH"), kGraphVersion = 13;
+constexpr std::uint32_t kGraphTag = rt::stateTag("GRPH"), kGraphVersion = 14;
 // A graph is at rest when chi2 may still fall by less than this share of it.
 constexpr double kAtRest = 0.01;
 
