@@ -77,11 +77,17 @@ struct Step {
   slam::StepQuality quality;
 };
 
+// Which they are: at least a share of the range long, with more than half of the ground in common, and with a
+// turn of at most so much [rad].
+struct StepRule {
+  double share, most_turn;
+};
+constexpr StepRule kLongSteps{0.25, 0.1};  // they measure best
+constexpr StepRule kAnySteps{0.12, 0.4};   // of a dive that turns all the time, or is short
+
 // One after the other, so that a reading of roll and pitch which ends one begins the next.
-std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
-  constexpr double kShare = 0.25;     // of the range: far enough to measure, with more than half in common
+std::vector<Step> stepsBy(const StepRule& rule, const MissionInput& input, const Survey& survey) {
   constexpr std::size_t kWithin = 6;  // pairs
-  constexpr double kMostTurn = 0.1;   // [rad]
   std::vector<Step> steps;
   const std::vector<NavigatedPose>& poses = survey.navigation.poses;
   for (std::size_t a = 0, next = 0; a < poses.size(); a = next) {
@@ -99,15 +105,21 @@ std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
                 *poses[b].T_nav_body * input.mission.T_body_cam,
                 {}};
       const SE3 between = step.T_nav_a.inverse() * step.T_nav_b;
-      if (between.translation().norm() < kShare * survey.planes[a]->ahead()) continue;
+      if (between.translation().norm() < rule.share * survey.planes[a]->ahead()) continue;
       step.quality.seconds = static_cast<double>(poses[b].utc_ns - poses[a].utc_ns) * 1e-9;
       step.quality.turn = between.rotation().angularDistance(Eigen::Quaterniond::Identity());
-      if (step.quality.turn < kMostTurn) steps.push_back(step);
+      if (step.quality.turn < rule.most_turn) steps.push_back(step);
       next = b;
       break;
     }
   }
   return steps;
+}
+
+std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
+  constexpr std::size_t kEnough = 20;
+  std::vector<Step> steps = stepsBy(kLongSteps, input, survey);
+  return steps.size() >= kEnough ? steps : stepsBy(kAnySteps, input, survey);
 }
 
 // Steps that follow each other.
