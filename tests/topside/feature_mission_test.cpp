@@ -142,5 +142,30 @@ TEST(FeatureMission, PrincipalPointsThatAreFarOffAreFoundByPathsAndAltitudes) {
   EXPECT_THAT(done.to_know, ::testing::Contains(::testing::HasSubstr("by what the DVL measures")));
 }
 
+// A dive of half a minute without a straight path to speak of.
+TEST(FeatureMission, PrincipalPointsThatAreOffAreFoundInADiveThatTurnsAllTheTime) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+  scenario.plan.line_length = 1;
+  scenario.plan.line_spacing = 0.8;
+  scenario.plan.lines = 3;
+  (void)sim::makeMission(scenario,
+                         {.out = mission, .force = false, .threads = 0, .features = true, .progress = {}});
+  StereoRig rig = readStereoCalib(mission / "stereo.calib");
+  const double off = 0.001 * rig.left.width;
+  rig.left.cx += off, rig.right.cx -= off;
+  writeStereoCalib(mission / "stereo.calib", rig);
+  (void)runTopside(mission, folder.path() / "topside", {});
+  const nlohmann::json found = reportOf(folder.path() / "topside").at("rig");
+  constexpr double kRange = 2;  // [m]
+  const double longer =
+      found.at("ranges_too_long").get<double>() + kRange * found.at("ranges_too_long_per_m").get<double>();
+  const double truth = 2 * off * kRange / (rig.left.fx * rig.baseline());
+  std::printf("%d paths: ranges too long by %.4f, %.4f in truth\n", found.at("paths").get<int>(), longer,
+              truth);
+  EXPECT_NEAR(longer, truth, 0.17 * truth);
+}
+
 }  // namespace
 }  // namespace fathom::topside
