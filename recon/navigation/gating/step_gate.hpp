@@ -50,7 +50,7 @@ class VelocityGate {
   DvlCalibration& dvl_;
   // Of the newest step, level, ahead and to starboard, by the sensor that was accepted [m/s].
   Eigen::Vector2d velocity_ = Eigen::Vector2d::Zero();
-  double unseen_s_ = 0;                                           // since then [s]
+  double unseen_s_ = 1000;                                        // since then; long ago at first [s]
   int contradictions_ = 0, rejected_links_ = 0, agreements_ = 0;  // steps in a row
 };
 

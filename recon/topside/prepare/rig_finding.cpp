@@ -116,12 +116,6 @@ std::vector<Step> stepsBy(const StepRule& rule, const MissionInput& input, const
   return steps;
 }
 
-std::vector<Step> stepsOf(const MissionInput& input, const Survey& survey) {
-  constexpr std::size_t kEnough = 20;
-  std::vector<Step> steps = stepsBy(kLongSteps, input, survey);
-  return steps.size() >= kEnough ? steps : stepsBy(kAnySteps, input, survey);
-}
-
 // Steps that follow each other.
 struct Run {
   std::size_t first = 0, end = 0;
@@ -206,7 +200,10 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
               const LightingModels& models, RigFinding& out) {
   MissionInput turned = input;
   turned.rig = rigAsFound(input.rig, out);
-  const std::vector<Step> all = stepsOf(turned, survey);
+  constexpr std::size_t kEnough = 20;
+  std::vector<Step> all = stepsBy(kLongSteps, turned, survey);
+  const bool few_long = all.size() < kEnough;
+  if (few_long) all = stepsBy(kAnySteps, turned, survey);
   const std::vector<Run> runs = stepRunsOf(all.size());
   std::vector<SeenStep> seen(all.size());
   oneapi::tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
@@ -237,16 +234,20 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   constexpr std::size_t kFewest = 8, kFewestOfBoth = 3;
   const double by_both = tooLongByBoth(all, seen, survey, dvl_in_camera);
   if (ranges.size() < (by_both > 0 || out.steps > 0 ? kFewestOfBoth : kFewest)) return false;
-  out.steps = ranges.size();
-  const double range = out.usual_range = median(std::move(ranges));
+  const std::size_t paths = ranges.size();
+  const double range = median(std::move(ranges));
   prior.principal_point = std::hypot(prior.principal_point, by_both * turned.rig.baseline() / range);
   const slam::DvlCalibration by_steps =
       calibrationByMost(all, seen, config.navigation.noise, dvl_in_camera, prior,
                         survey.navigation.poses[all.front().a].quality.sound_share);
+  // Where short paths know little, all of them together know the scale alone better (imageScaleOf()).
+  constexpr double kWorthKnowing = 0.01;
+  const double sigma = by_steps.rangeSigma(range);
+  if (few_long && by_both == 0 && sigma > kWorthKnowing) return false;
+  out.steps = paths, out.usual_range = range, out.range_sigma = sigma;
   const calibration::RangeError left{by_steps.rangeError().x(), by_steps.rangeError().y()};
   out.range.scale += left.scale;
   out.range.per_metre += left.per_metre;
-  out.range_sigma = by_steps.rangeSigma(range);
   constexpr double kBeyondChance = 3;  // standard deviations
   return std::abs(left.at(range)) > kBeyondChance * out.range_sigma;
 }
