@@ -110,6 +110,26 @@ TEST(FeatureMission, AnAttitudeSensorThatLagsIsDistinguishedFromLateImages) {
   EXPECT_EQ(images.at("attitude_late_s"), 0);
 }
 
+void makeFeatures(const sim::Scenario& scenario, const std::filesystem::path& mission) {
+  (void)sim::makeMission(scenario,
+                         {.out = mission, .force = false, .threads = 0, .features = true, .progress = {}});
+}
+
+// Of ranges of 2 m, as a run found.
+double tooLong(const nlohmann::json& rig) {
+  return rig.at("ranges_too_long").get<double>() + 2 * rig.at("ranges_too_long_per_m").get<double>();
+}
+
+// Moves the calibration's apart along the baseline, by a share of the image's width [px]: what ranges of 2 m
+// are then too long by.
+double movePrincipalPoints(const std::filesystem::path& mission, double share) {
+  StereoRig rig = readStereoCalib(mission / "stereo.calib");
+  const double off = share * rig.left.width;
+  rig.left.cx += off, rig.right.cx -= off;
+  writeStereoCalib(mission / "stereo.calib", rig);
+  return 2 * off * 2 / (rig.left.fx * rig.baseline());
+}
+
 // A DVL that is thirty times as noisy as it states: the ranges are not taken from the few steps that agree
 // with it by chance.
 TEST(FeatureMission, ANoisyDvlLeavesTheScaleToTheCameras) {
@@ -118,12 +138,10 @@ TEST(FeatureMission, ANoisyDvlLeavesTheScaleToTheCameras) {
   sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
   scenario.seed = 1129;
   scenario.sensors.dvl.velocity_sigma_mps = 0.06;
-  (void)sim::makeMission(scenario,
-                         {.out = mission, .force = false, .threads = 0, .features = true, .progress = {}});
+  makeFeatures(scenario, mission);
   (void)runTopside(mission, folder.path() / "topside", {});
-  const nlohmann::json report = reportOf(folder.path() / "topside"), rig = report.at("rig");
-  const double longer =
-      rig.at("ranges_too_long").get<double>() + 2 * rig.at("ranges_too_long_per_m").get<double>();
+  const nlohmann::json rig = reportOf(folder.path() / "topside").at("rig");
+  const double longer = tooLong(rig);
   std::printf("ranges too long by %.4f, %.4f claimed\n", longer, rig.at("ranges_sigma").get<double>());
   EXPECT_LT(std::abs(longer), 0.002);
 }
@@ -133,10 +151,7 @@ TEST(FeatureMission, PrincipalPointsThatAreFarOffAreFoundByPathsAndAltitudes) {
   const test::TemporaryFolder folder;
   const auto mission = folder.path() / "mission";
   std::filesystem::copy(kMission, mission, std::filesystem::copy_options::recursive);
-  StereoRig rig = readStereoCalib(mission / "stereo.calib");
-  const double off = 0.002 * rig.left.width;
-  rig.left.cx += off, rig.right.cx -= off;
-  writeStereoCalib(mission / "stereo.calib", rig);
+  (void)movePrincipalPoints(mission, 0.002);
   const Summary done = runTopside(mission, folder.path() / "topside", {});
   (void)shiftToTruth(mission, folder.path() / "topside", done.pairs, 0.1);
   EXPECT_THAT(done.to_know, ::testing::Contains(::testing::HasSubstr("by what the DVL measures")));
@@ -150,18 +165,11 @@ TEST(FeatureMission, PrincipalPointsThatAreOffAreFoundInADiveThatTurnsAllTheTime
   scenario.plan.line_length = 1;
   scenario.plan.line_spacing = 0.8;
   scenario.plan.lines = 3;
-  (void)sim::makeMission(scenario,
-                         {.out = mission, .force = false, .threads = 0, .features = true, .progress = {}});
-  StereoRig rig = readStereoCalib(mission / "stereo.calib");
-  const double off = 0.001 * rig.left.width;
-  rig.left.cx += off, rig.right.cx -= off;
-  writeStereoCalib(mission / "stereo.calib", rig);
+  makeFeatures(scenario, mission);
+  const double truth = movePrincipalPoints(mission, 0.001);
   (void)runTopside(mission, folder.path() / "topside", {});
   const nlohmann::json found = reportOf(folder.path() / "topside").at("rig");
-  constexpr double kRange = 2;  // [m]
-  const double longer =
-      found.at("ranges_too_long").get<double>() + kRange * found.at("ranges_too_long_per_m").get<double>();
-  const double truth = 2 * off * kRange / (rig.left.fx * rig.baseline());
+  const double longer = tooLong(found);
   std::printf("%d paths: ranges too long by %.4f, %.4f in truth\n", found.at("paths").get<int>(), longer,
               truth);
   EXPECT_NEAR(longer, truth, 0.17 * truth);

@@ -61,11 +61,13 @@ void VelocityGate::judge(const Keyframe& from, Keyframe& to, const VisualStep& v
   };
   const Eigen::Vector2d by_reckoning = velocity(dvl_.corrected(from.T_odom_cam, to.T_odom_cam));
   const bool locked = to.quality.seconds_unlocked == 0;
+  const auto vehicleCanComeTo = [&](const Eigen::Vector2d& next, double seconds) {
+    return (next - velocity_).norm() <= kLeastChange_mps + kMostAcceleration * seconds;
+  };
   unseen_s_ += elapsed;
   if (!visual.linked) {
     // A false bottom may begin just where images show nothing.
-    if (locked && !counters.dvl_rejected &&
-        (by_reckoning - velocity_).norm() <= kLeastChange_mps + kMostAcceleration * unseen_s_)
+    if (locked && !counters.dvl_rejected && vehicleCanComeTo(by_reckoning, unseen_s_))
       velocity_ = by_reckoning, unseen_s_ = 0;
     return;
   }
@@ -78,8 +80,7 @@ void VelocityGate::judge(const Keyframe& from, Keyframe& to, const VisualStep& v
   };
   if (agreesButForYaw(from, to, visual, 0)) {
     // A DVL that has lost the bottom contradicts no more: the images go on as before, or they do not.
-    if (!locked && (by_images - velocity_).norm() > kLeastChange_mps + kMostAcceleration * elapsed)
-      rejectDvlInstead();
+    if (!locked && !vehicleCanComeTo(by_images, elapsed)) rejectDvlInstead();
     contradictions_ = rejected_links_ = 0;
     if (++agreements_ >= config.reject_after) counters.dvl_rejected = false;
     velocity_ = by_images;
