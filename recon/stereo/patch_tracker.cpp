@@ -185,7 +185,8 @@ bool PatchTracker::refine(const GrayLevel& level, Eigen::Vector2d& at, int itera
 }
 
 PatchMatch PatchTracker::track(const GrayPyramid& source, const Eigen::Vector2d& at,
-                               const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates) {
+                               const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates,
+                               int finest) {
   PatchMatch match;
   const int top = source.levels() - 1;
   double scale = 1.0 / (1 << top);
@@ -193,18 +194,20 @@ PatchMatch PatchTracker::track(const GrayPyramid& source, const Eigen::Vector2d&
   double best = 0;
   Eigen::Vector2d position = search(target.level(top), scale, candidates, best);
   if (best <= 0) return match;
-  for (int l = top; l >= 0; --l) {
+  for (int l = top; l >= finest; --l) {
     if (l < top) {
       position *= 2.0;
       scale *= 2.0;
       if (!makeTemplate(source.level(l), at * scale)) return match;
     }
-    const bool fine = l == 0;
+    const bool fine = l == finest;
     if (!refine(target.level(l), position, fine ? kFineIterations : kCoarseIterations,
                 fine ? kFineTolerance : kCoarseTolerance))
       return match;
   }
-  finish(target.level(0), position, match);
+  finish(target.level(finest), position, match);
+  match.position /= scale;
+  match.covariance /= scale * scale;
   return match;
 }
 

@@ -44,11 +44,13 @@ class PatchTracker {
   PatchTracker& operator=(const PatchTracker&) = delete;
 
   // `at`: in level 0 of `source`; `candidates`: in level 0 of `target`, in the order along a curve, about one
-  // top level pixel apart. Both pyramids have the same number of levels.
+  // top level pixel apart. Both pyramids have the same number of levels. `finest`: the level that the match
+  // is made at; it is given in level 0 all the same.
   [[nodiscard]] PatchMatch track(const GrayPyramid& source, const Eigen::Vector2d& at,
-                                 const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates);
+                                 const GrayPyramid& target, std::span<const Eigen::Vector2d> candidates,
+                                 int finest = 0);
 
-  // The same at the full resolution alone, from a start within about a pixel.
+  // The same at one level alone, from a start within about a pixel, both in its pixels.
   [[nodiscard]] PatchMatch polish(const GrayLevel& source, const Eigen::Vector2d& at, const GrayLevel& target,
                                   const Eigen::Vector2d& start);
 

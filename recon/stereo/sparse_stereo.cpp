@@ -5,17 +5,21 @@
 #include <cstddef>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "recon/stereo/gray_pyramid.hpp"
 #include "recon/stereo/local_mesh.hpp"
 #include "recon/stereo/match_points.hpp"
 #include "recon/stereo/patch_tracker.hpp"
+#include "recon/stereo/seed_plane.hpp"
 
 namespace fathom::stereo {
 namespace {
 
 constexpr int kSparseLevels = 3;  // of the pyramids: the coarsest is a quarter of the size
 constexpr double kTopPixel = 1 << (kSparseLevels - 1);  // [px]
+// Of the wanted points: with fewer, the ground is blurred, faint, or not where the altitude says.
+constexpr double kFewPoints = 0.25;
 constexpr int kMaxFeatures = 5000;
 constexpr double kHalfPi = 1.5707963267948966;
 constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both cameras see
@@ -52,6 +56,15 @@ void validate(const StereoRig& rig, const SparseStereoConfig& c) {
   requireSparse(c.max_slope > 0 && c.max_slope < kHalfPi, "max_slope must be between 0 and pi/2");
   requireSparse(c.min_patch_points >= 1, "min_patch_points must be at least 1");
   requireSparse(c.max_fish_length >= 0, "max_fish_length must not be negative");
+}
+
+// Limits in pixels of the full size, for matches that are made at a level of the pyramids.
+SparseStereoConfig limitsAt(int level, SparseStereoConfig limits) {
+  limits.window <<= level;
+  for (double* px :
+       {&limits.max_epipolar_distance, &limits.max_left_right_distance, &limits.max_core_distance})
+    *px *= 1 << level;
+  return limits;
 }
 
 // The colour of a point, as points are where contrast is strongest and single pixels are noisy: the mean of
@@ -98,8 +111,9 @@ struct SparseStereo::Impl {
   Impl(const StereoRig& r, const SparseStereoConfig& c, const Kernels& kernels)
       : rig(r),
         config(c),
-        to_right(r.right, r.T_right_left, kTopPixel, c.search_radius, c.min_range, c.max_range),
-        to_left(r.left, r.T_right_left.inverse(), kTopPixel, c.search_radius, c.min_range, c.max_range),
+        wide(wideSearch(r, c.min_range, c.max_range)),
+        about_altitude(r, c, c.search_radius),
+        anywhere(r, c, wide.search_radius),
         left_pyramid(r.left.width, r.left.height, levels(r), kernels),
         right_pyramid(r.right.width, r.right.height, levels(r), kernels),
         harris(r.left.width, c.max_features, kernels),
@@ -107,9 +121,11 @@ struct SparseStereo::Impl {
         core(coreWindow(c.window), kernels),
         found(r, static_cast<std::size_t>(c.max_features)),
         mesh(static_cast<std::size_t>(c.max_features)) {
-    result.matches.reserve(static_cast<std::size_t>(c.max_features));
-    result.points.reserve(static_cast<std::size_t>(c.max_features));
-    result.triangles.reserve(2 * static_cast<std::size_t>(c.max_features));
+    for (StereoResult* each : {&result, &coarse}) {
+      each->matches.reserve(static_cast<std::size_t>(c.max_features));
+      each->points.reserve(static_cast<std::size_t>(c.max_features));
+      each->triangles.reserve(2 * static_cast<std::size_t>(c.max_features));
+    }
     view_rays.resize(static_cast<std::size_t>(kViewNodes) * kViewNodes);
     look();
   }
@@ -119,8 +135,7 @@ struct SparseStereo::Impl {
     for (int j = 0; j < kViewNodes; ++j)
       for (int i = 0; i < kViewNodes; ++i)
         view_rays[static_cast<std::size_t>(j * kViewNodes + i)] = rig.left.ray(viewNode(i, j));
-    to_right.look(rig.right, rig.T_right_left);
-    to_left.look(rig.left, rig.T_right_left.inverse());
+    for (Search* search : {&about_altitude, &anywhere}) search->look(rig);
     found.setRig(rig);
   }
 
@@ -136,25 +151,55 @@ struct SparseStereo::Impl {
   [[nodiscard]] Eigen::Vector2d viewNode(int i, int j) const {
     return {i * (rig.left.width - 1.0) / (kViewNodes - 1), j * (rig.left.height - 1.0) / (kViewNodes - 1)};
   }
-  [[nodiscard]] PixelBox sharedView(const ViewPlane& left_plane) const;
-  void match(const Corner& corner, const ViewPlane& left_plane, const ViewPlane& right_plane);
+  // Of corners of the left image in the right one, and back.
+  struct Search {
+    EpipolarSearch to_right, to_left;
+    Search(const StereoRig& r, const SparseStereoConfig& c, double radius)
+        : to_right(r.right, r.T_right_left, kTopPixel, radius, c.min_range, c.max_range),
+          to_left(r.left, r.T_right_left.inverse(), kTopPixel, radius, c.min_range, c.max_range) {}
+    void look(const StereoRig& r) {
+      to_right.look(r.right, r.T_right_left);
+      to_left.look(r.left, r.T_right_left.inverse());
+    }
+  };
+  // How a pair is looked at: at a level of the pyramids, about a plane.
+  struct Look {
+    int level;
+    SparseStereoConfig limits;
+    Search& search;
+    ViewPlane left_plane, right_plane;
+  };
+  [[nodiscard]] Look lookAt(int level, Search& search, const SeedPlane& plane) const;
+  [[nodiscard]] PixelBox sharedView(const Look& look) const;
+  void match(const Corner& corner, const Look& look, StereoResult& out);
+  void process(const Look& look, const ImageMask* mask, int quota, StereoResult& out);
 
   StereoRig rig;
   SparseStereoConfig config;
-  EpipolarSearch to_right, to_left;
+  WideSearch wide;
+  Search about_altitude, anywhere;
   GrayPyramid left_pyramid, right_pyramid;
   HarrisCorners harris;
   PatchTracker tracker, core;
   MatchPoints found;
   LocalMesh mesh;
   std::vector<Eigen::Vector3d> view_rays;  // of the lattice's nodes, row by row
-  StereoResult result;
+  StereoResult result, coarse;             // coarse: of a further look
   std::function<void(const char* stage)> observer;
 };
 
+SparseStereo::Impl::Look SparseStereo::Impl::lookAt(int level, Search& search, const SeedPlane& plane) const {
+  const Eigen::Vector3d normal = rig.T_right_left.rotation() * plane.normal;
+  return {level,
+          limitsAt(level, config),
+          search,
+          {plane.normal, plane.distance},
+          {normal, plane.distance + normal.dot(rig.T_right_left.translation())}};
+}
+
 // The part of the left image with seeds in the right image: a box about the visible nodes of a
 // coarse lattice.
-PixelBox SparseStereo::Impl::sharedView(const ViewPlane& left_plane) const {
+PixelBox SparseStereo::Impl::sharedView(const Look& look) const {
   const int half = config.window / 2;
   const Eigen::Vector2d spacing = viewNode(1, 1);
   PixelBox box{rig.left.width, rig.left.height, 0, 0};
@@ -162,7 +207,7 @@ PixelBox SparseStereo::Impl::sharedView(const ViewPlane& left_plane) const {
     for (int i = 0; i < kViewNodes; ++i) {
       Eigen::Vector2d seen;
       const Eigen::Vector3d& ray = view_rays[static_cast<std::size_t>(j * kViewNodes + i)];
-      if (!to_right.seed(ray, left_plane, half, seen)) continue;
+      if (!look.search.to_right.seed(ray, look.left_plane, half, seen)) continue;
       const Eigen::Vector2d low = viewNode(i, j) - spacing, high = viewNode(i, j) + spacing;
       box.x0 = std::min(box.x0, static_cast<int>(low.x()));
       box.y0 = std::min(box.y0, static_cast<int>(low.y()));
@@ -173,34 +218,53 @@ PixelBox SparseStereo::Impl::sharedView(const ViewPlane& left_plane) const {
   return box;
 }
 
-void SparseStereo::Impl::match(const Corner& corner, const ViewPlane& left_plane,
-                               const ViewPlane& right_plane) {
-  const int half = config.window / 2;
-  const Eigen::Vector2d left(corner.x, corner.y);
+void SparseStereo::Impl::match(const Corner& corner, const Look& look, StereoResult& out) {
+  const int half = look.limits.window / 2, pixel = 1 << look.level;
+  const Eigen::Vector2d left(corner.x * pixel, corner.y * pixel);
   const Eigen::Vector3d left_ray = rig.left.ray(left);
   const PatchMatch there =
-      tracker.track(left_pyramid, left, right_pyramid, to_right.candidates(left_ray, left_plane));
+      tracker.track(left_pyramid, left, right_pyramid,
+                    look.search.to_right.candidates(left_ray, look.left_plane), look.level);
   if (!there.found || there.correlation < config.min_correlation ||
       !rig.right.contains(there.position, half)) {
-    ++result.rejected.no_track;
+    ++out.rejected.no_track;
     return;
   }
-  const PatchMatch middle = core.polish(left_pyramid.level(0), left, right_pyramid.level(0), there.position);
-  if (!middle.found || (middle.position - there.position).norm() > config.max_core_distance) {
-    ++result.rejected.no_track;
+  const PatchMatch middle = core.polish(left_pyramid.level(look.level), left / pixel,
+                                        right_pyramid.level(look.level), there.position / pixel);
+  if (!middle.found || (pixel * middle.position - there.position).norm() > look.limits.max_core_distance) {
+    ++out.rejected.no_track;
     return;
   }
-  if (!found.showsGround(config, left, there.position, result)) return;
-  result.matches.push_back({left, there.position});
+  if (!found.showsGround(look.limits, left, there.position, out)) return;
+  out.matches.push_back({left, there.position});
   MatchPoints::Rays rays;
-  if (!found.nearEpipolarLine(config, left, left_ray, there.position, rays, result)) return;
+  if (!found.nearEpipolarLine(look.limits, left, left_ray, there.position, rays, out)) return;
   const PatchMatch back =
-      tracker.track(right_pyramid, there.position, left_pyramid, to_left.candidates(rays.right, right_plane));
-  if (!back.found || (back.position - left).norm() > config.max_left_right_distance) {
-    ++result.rejected.left_right;
+      tracker.track(right_pyramid, there.position, left_pyramid,
+                    look.search.to_left.candidates(rays.right, look.right_plane), look.level);
+  if (!back.found || (back.position - left).norm() > look.limits.max_left_right_distance) {
+    ++out.rejected.left_right;
     return;
   }
-  found.add(config, left, there.position, rays, there.covariance, result);
+  found.add(look.limits, left, there.position, rays, there.covariance, out);
+}
+
+void SparseStereo::Impl::process(const Look& look, const ImageMask* mask, int quota, StereoResult& out) {
+  const int pixel = 1 << look.level;
+  PixelBox box = sharedView(look);
+  for (int* edge : {&box.x0, &box.y0, &box.x1, &box.y1}) *edge /= pixel;
+  const auto& corners = harris.find(left_pyramid.level(look.level), box, config.window / 2, quota);
+  out.corners = static_cast<std::uint32_t>(corners.size());
+  ended("corners");
+
+  for (const Corner& corner : corners) match(corner, look, out);
+  found.widen(out);
+  ended("tracking");
+  mesh.dropOutliers(config, out);
+  ended("outliers");
+  mesh.triangulate(config, out, mask);
+  ended("triangles");
 }
 
 SparseStereo::SparseStereo(const StereoRig& rig, const SparseStereoConfig& config, const Kernels* kernels) {
@@ -228,23 +292,14 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
   m.right_pyramid.build(right);
   m.ended("pyramids");
 
-  const SE3& T = m.rig.T_right_left;
-  const ViewPlane left_plane{plane.normal, plane.distance};
-  const Eigen::Vector3d right_normal = T.rotation() * plane.normal;
-  const ViewPlane right_plane{right_normal, plane.distance + right_normal.dot(T.translation())};
   const int quota = max_features > 0 ? std::min(max_features, m.config.max_features) : m.config.max_features;
-  const auto& corners =
-      m.harris.find(m.left_pyramid.level(0), m.sharedView(left_plane), m.config.window / 2, quota);
-  m.result.corners = static_cast<std::uint32_t>(corners.size());
-  m.ended("corners");
-
-  for (const Corner& corner : corners) m.match(corner, left_plane, right_plane);
-  m.found.widen(m.result);
-  m.ended("tracking");
-  m.mesh.dropOutliers(m.config, m.result);
-  m.ended("outliers");
-  m.mesh.triangulate(m.config, m.result, left.mask);
-  m.ended("triangles");
+  m.process(m.lookAt(0, m.about_altitude, plane), left.mask, quota, m.result);
+  const auto few = [&] { return static_cast<double>(m.result.points.size()) < kFewPoints * quota; };
+  for (int level = 1; few() && level < m.left_pyramid.levels(); ++level) {
+    (void)m.found.begin(left, right, plane, m.coarse);
+    m.process(m.lookAt(level, m.anywhere, m.wide.plane), left.mask, quota, m.coarse);
+    if (m.coarse.points.size() > m.result.points.size()) std::swap(m.result, m.coarse);
+  }
   return m.result;
 }
 

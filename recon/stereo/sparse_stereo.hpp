@@ -75,17 +75,20 @@ struct StereoResult {
 //    with gain and offset (EpipolarSearch, PatchTracker). The window's middle must converge to the same
 //    position.
 // 3. The match must be near the epipolar line (calibration), and the same search from it in the left image
-// must
-//    end at the corner.
+//    must end at the corner.
 // 4. Midpoint triangulation with a covariance: the match's own, J S J^T through the triangulation
 //    (MidpointTriangulation), inflated by the frame's epipolar residuals (MatchNoise). For parallel
 //    cameras sigma_z = z^2 sigma_d / (f b), with the sigma_d of that match.
 // 5. Mismatches and fish are dropped (DepthConsistency), the rest is triangulated in the image (LocalMesh).
+// A pair that gives less than a quarter of the wanted points is looked at again at half and then at a quarter
+// of its size, between all configured ranges: the ground is blurred, fainter than the noise of single pixels,
+// or not where the altitude says. The look with most points counts.
 //
 // Work. The images cost the same in every frame: pyramids and corners, some 3 ms for a full-size pair. A
 // feature costs at most, in each direction, search_radius / 2 + 1 window correlations and 22 Lucas-Kanade
 // steps on 3 levels, and 12 more steps for the middle; steps 4 and 5 are linear in the number of features.
-// Lower max_features lowers the time of a frame in proportion. No call of the heap after construction.
+// Lower max_features lowers the time of a frame in proportion. A further look costs a feature as much on
+// fewer levels, and up to 129 correlations of its search. No call of the heap after construction.
 class SparseStereo {
  public:
   // Throws std::invalid_argument for a configuration out of range. `kernels`: the instruction set to use,

@@ -109,6 +109,28 @@ TEST(SparseStereo, AltitudeErrorOfASeedPlaneIsCapturedByTheSearch) {
   }
 }
 
+TEST(SparseStereo, GroundIsFoundWhereverItIsWhenTheAltitudeIsWrong) {
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
+  for (const double distance : {0.9, 10.0}) {  // a DVL on a false bottom, or on none
+    const StereoResult result = run(scene, {Eigen::Vector3d::UnitZ(), distance});
+    EXPECT_GE(result.points.size(), 700U) << distance;
+    const Errors errors = compare(scene, result);
+    EXPECT_LE(errors.quantile(0.99), 0.2) << distance;
+    EXPECT_EQ(errors.outliers, 0) << distance;
+  }
+}
+
+TEST(SparseStereo, GroundThatIsFainterThanTheNoiseOfPixelsIsFoundAtHalfAndAQuarterOfTheSize) {
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)}, 0.01);
+  const Exposure faint{0.1, 60, 3.0};
+  const auto [left, right] = scene.render(faint, faint);
+  const StereoResult result = SparseStereo(scene.rig(), {}).process(left.view(), right.view(), {});
+  EXPECT_GE(result.points.size(), 200U);
+  const Errors errors = compare(scene, result);
+  EXPECT_LE(errors.quantile(0.5), 0.6);
+  EXPECT_LE(errors.outliers, 0.01);
+}
+
 TEST(SparseStereo, CornersReachEveryPartOfTheImageThoughOneQuarterHasMostContrast) {
   const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   auto [left, right] = scene.render(kLeft, kRight);
