@@ -131,6 +131,28 @@ TEST_F(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
   EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
 }
 
+// It was at rest when the instrument froze: the track must know that it no longer knows the velocity.
+TEST_F(DeadReckoningFaults, ADvlThatSendsTheSameForSecondsIsNotUsed) {
+  constexpr double kBegin = 5, kEnd = 25;
+  std::optional<DvlSample> frozen;
+  for (Sample& sample : samplesOf(circle, config, 45)) {
+    auto* ensemble = std::get_if<DvlSample>(&sample);
+    if (ensemble != nullptr && timeOf(sample) >= at(kBegin) && timeOf(sample) < at(kEnd)) {
+      if (!frozen) {
+        frozen = *ensemble;
+        frozen->range.fill(2.0);
+      }
+      const std::int64_t stamp = ensemble->utc_ns;
+      *ensemble = *frozen;
+      ensemble->utc_ns = stamp;
+    }
+    feed(nav, sample);
+  }
+  // A second of it is used, at 5 Hz.
+  EXPECT_EQ(nav.counters().dvl_rejected, 5 * (kEnd - kBegin) - 5);
+  EXPECT_NEAR(nav.qualityAt(at(40)).unlocked_s, kEnd - kBegin - 1, 0.4);
+}
+
 TEST_F(DeadReckoningFaults, ADvlThatArrivesLateIsTakenUpAgainAfterALongLoss) {
   auto samples = without<DvlSample>(samplesOf(circle, config, 45), 5, 20);
   // Ensembles reach the vehicle a quarter of a second after the others' samples of their time.

@@ -24,7 +24,11 @@ constexpr double kNominalSoundSpeed = 1500.0;                       // default o
 // 1405, a warm sea 1550 m/s [1].
 constexpr double kComputedShare = 0.005, kNominalShare = 0.025;
 constexpr double kMinDepth = -5.0, kMaxDepth = 11500.0;  // above the surface in a swell; deepest trench [m]
-constexpr double kMaxAltitude = 500.0;                   // beyond any bottom track of a survey DVL [m]
+// The same velocity and ranges so often and so long: a DVL that sends, but measures no more. Its noise and
+// the last digit of four ranges change several times a second even where a vehicle rests.
+constexpr std::uint32_t kStuckRepeats = 4;
+constexpr std::int64_t kStuckNs = kNanosecondsPerSecond;
+constexpr double kMaxAltitude = 500.0;  // beyond any bottom track of a survey DVL [m]
 
 bool possibleSoundSpeed(double c) {
   return c >= kMinSoundSpeed && c <= kMaxSoundSpeed;
@@ -77,8 +81,30 @@ double DeadReckoning::soundShare() const noexcept {
   return own_sound_speed_ ? kComputedShare : kNominalShare;
 }
 
+bool DeadReckoning::stuck(const DvlSample& sample) noexcept {
+  Reading now{.since_ns = sample.utc_ns};
+  bool whole = sample.velocity && sample.velocity->allFinite();
+  if (whole) now.velocity = *sample.velocity;
+  for (std::size_t beam = 0; beam < now.range.size(); ++beam) {
+    now.range[beam] = sample.range[beam].value_or(0);
+    whole = whole && std::isfinite(now.range[beam]);
+  }
+  const bool measured = whole && now.range != Reading().range;
+  if (!measured || now.velocity != reading_.velocity || now.range != reading_.range) {
+    reading_ = measured ? now : Reading();
+    return false;
+  }
+  ++reading_.repeats;
+  return reading_.repeats >= kStuckRepeats && sample.utc_ns - reading_.since_ns >= kStuckNs;
+}
+
 void DeadReckoning::add(const DvlSample& sample) noexcept {
   if (!checkTime(dvl_times_, sample.utc_ns)) return;
+  if (stuck(sample)) {
+    ++counters_.dvl_rejected;
+    advance();
+    return;
+  }
   const double factor = soundSpeedFactor(sample.sound_speed);
   if (const auto altitude = measuredAltitude(sample); altitude && *altitude > 0 && *altitude < kMaxAltitude)
     altitude_ = {sample.utc_ns, *altitude * factor};
@@ -318,9 +344,9 @@ void DeadReckoning::placeDepth(Node& node, const Node* before) noexcept {
 
 void DeadReckoning::exchange(auto& archive, auto& self) {
   archive.instants(self.now_);
-  archive(self.dvl_times_, self.attitude_times_, self.depth_times_, self.gyro_times_, self.attitudes_,
-          self.last_heading_, self.removed_heading_, self.leap_times_, self.depths_, self.rates_,
-          self.waiting_, self.nodes_, self.last_velocity_, self.coast_velocity_, self.coasting_,
+  archive(self.dvl_times_, self.reading_, self.attitude_times_, self.depth_times_, self.gyro_times_,
+          self.attitudes_, self.last_heading_, self.removed_heading_, self.leap_times_, self.depths_,
+          self.rates_, self.waiting_, self.nodes_, self.last_velocity_, self.coast_velocity_, self.coasting_,
           self.depth_filter_, self.sound_speed_, self.own_sound_speed_, self.altitude_, self.counters_);
   // The track assumes that both have samples.
   archive.require(self.nodes_.empty() || (!self.attitudes_.empty() && !self.depths_.empty()),

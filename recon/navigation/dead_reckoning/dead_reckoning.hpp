@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <optional>
 
@@ -112,7 +113,7 @@ class DeadReckoning {
   struct Counters {
     std::uint64_t dvl_used = 0;            // velocities that entered the track
     std::uint64_t dvl_without_bottom = 0;  // ensembles without a bottom-track velocity
-    std::uint64_t dvl_rejected = 0;        // faster than max_speed, or not a number
+    std::uint64_t dvl_rejected = 0;        // faster than max_speed, no number, or an instrument that is stuck
     std::uint64_t out_of_order = 0;        // any sensor: not later than its last; or too late for the track
     std::uint64_t time_leaps = 0;  // any sensor: stamp far ahead of its last and alone, or no time at all
     std::uint64_t attitude_rejected = 0, depth_rejected = 0, water_rejected = 0,
@@ -158,10 +159,24 @@ class DeadReckoning {
     }
   };
 
+  // What the DVL last measured, since when without any change.
+  struct Reading {
+    std::int64_t since_ns = 0;
+    std::uint32_t repeats = 0;
+    Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
+    std::array<double, 4> range{};  // 0: none
+
+    static void exchange(auto& archive, auto& self) {
+      archive.instants(self.since_ns);
+      archive(self.repeats, self.velocity, self.range);
+    }
+  };
+
   static constexpr std::size_t kNodes = 1024;   // 20 s at the closest spacing of nodes
   static constexpr std::size_t kWaiting = 128;  // ensembles: 12 s at 10 Hz, beyond the silence allowed
   static constexpr std::size_t kLeaps = 64;     // of heading, whose times are kept
 
+  [[nodiscard]] bool stuck(const DvlSample& sample) noexcept;
   [[nodiscard]] bool checkTime(TimeGate& gate, std::int64_t utc_ns) noexcept;
   void advance() noexcept;
   [[nodiscard]] bool reached(const TimeGate& gate, std::int64_t utc_ns) const noexcept;
@@ -180,6 +195,7 @@ class DeadReckoning {
   DeadReckoningConfig config_;
   Eigen::Quaterniond R_body_compass_inverse_;
   TimeGate dvl_times_, attitude_times_, depth_times_, gyro_times_;
+  Reading reading_;
   std::int64_t now_ = 0;                             // newest time of any sensor
   RotationHistory attitudes_;                        // R_odom_body
   double last_heading_ = 0, removed_heading_ = 0;    // of the compass, in odom; sum of leaps [rad]
