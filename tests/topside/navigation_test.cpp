@@ -10,6 +10,7 @@
 #include "firmware_if/mission/sensor_log.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/topside/input/survey_stage.hpp"
+#include "recon/topside/localise/navigation_inputs.hpp"
 #include "tests/support/test_data.hpp"
 
 namespace fathom::topside {
@@ -166,6 +167,39 @@ TEST(Survey, OnlyACameraThatLooksAsideHasItsRangesFromTheImages) {
   EXPECT_TRUE(beside(90));
   input.features_only = true;
   EXPECT_FALSE(beside(90));
+}
+
+// At half a metre a second, accelerating by 5 cm/s2, without a DVL; images measure all steps but two.
+TEST(Bridge, StepsThatNothingMeasuresGetTheVelocityOfTheImagesAboutThem) {
+  constexpr double kEvery = 0.5, kUnknown = 0.3;  // [s], [m/s]
+  const auto north = [](std::size_t k) {
+    const double t = kEvery * static_cast<double>(k);
+    return kSpeed * t + 0.5 * 0.05 * t * t;
+  };
+  std::vector<slam::KeyframeInput> inputs(13);
+  std::vector<slam::NavigationLink> links;
+  for (std::size_t k = 0; k < inputs.size(); ++k) {
+    inputs[k].utc_ns = at(kEvery * static_cast<double>(k));
+    inputs[k].T_odom_cam = SE3(Eigen::Quaterniond::Identity(), {0, 0, kTrackDepth});  // as if it stood still
+    inputs[k].unlocked_s = k == 0 ? 0 : kEvery;
+    if (k == 0 || k == 5 || k == 9) continue;
+    slam::NavigationLink& link = links.emplace_back();
+    link.a = static_cast<std::uint32_t>(k - 1);
+    link.b = static_cast<std::uint32_t>(k);
+    link.T_a_b = SE3(Eigen::Quaterniond::Identity(), {north(k) - north(k - 1), 0, 0});
+  }
+  std::vector<slam::NavigationFix> fixes(1);
+  fixes[0].frame = 12;
+  EXPECT_EQ(unjoined(inputs, links, kUnknown).size(), 8U) << "the first five are the largest group";
+  bridge(inputs, fixes, links, kUnknown);
+  for (const std::size_t k : {5U, 9U}) {
+    const Eigen::Vector3d moved = inputs[k].T_odom_cam.translation() - inputs[k - 1].T_odom_cam.translation();
+    EXPECT_NEAR(moved.x(), north(k) - north(k - 1), 1e-6);
+    EXPECT_LT(kUnknown * inputs[k].unlocked_s, 0.02);
+  }
+  EXPECT_EQ(inputs[3].unlocked_s, kEvery);
+  EXPECT_NEAR(fixes[0].antenna_in_odom.x(), north(5) - north(4) + north(9) - north(8), 1e-6);
+  EXPECT_TRUE(unjoined(inputs, links, kUnknown).empty());
 }
 
 }  // namespace

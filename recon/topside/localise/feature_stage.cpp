@@ -9,6 +9,7 @@ namespace fathom::topside {
 namespace {
 
 constexpr std::size_t kFewFeatures = 10;  // tell no range
+constexpr double kFalseBottom = 0.65;     // of the range that stereo sees; a reef's relief stays above
 
 // To what the frame's features show; nothing for few.
 std::optional<double> medianRange(const Frames& frames, std::size_t frame) {
@@ -44,9 +45,11 @@ Frames framesOf(const io::MissionConfig& mission, const Survey& survey, const Fe
     frames.travelled.push_back(frames.travelled.empty() ? 0 : frames.travelled.back() + step);
     frames.reckoned.push_back(T_nav_cam);
     frames.range.push_back(survey.planes[k]->ahead());
+    const double seen = medianRange(frames, frames.range.size() - 1).value_or(frames.range.back());
     // The DVL does not tell how far a wall is.
-    if ((T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksAhead)
-      frames.range.back() = medianRange(frames, frames.range.size() - 1).value_or(frames.range.back());
+    const bool ahead = (T_nav_cam.rotation() * Eigen::Vector3d::UnitZ()).z() < kLooksAhead;
+    frames.false_bottom.push_back(!ahead && frames.range.back() < kFalseBottom * seen);
+    if (ahead || frames.false_bottom.back()) frames.range.back() = seen;
   }
   return frames;
 }

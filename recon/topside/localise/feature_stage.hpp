@@ -43,6 +43,9 @@ struct Frames {
   std::vector<SE3> reckoned;               // T_nav_cam
   std::vector<double> range;               // to the seafloor along the camera's axis [m]
   std::vector<double> travelled;           // track length up to it [m]
+  // Whether stereo sees the seafloor far beyond the DVL's altitude, whose velocity is then that of something
+  // in the water.
+  std::vector<bool> false_bottom;
 
   [[nodiscard]] bool blank(std::size_t frame) const { return features->count(pair[frame]) == 0; }
   void load(std::size_t frame, closure::FrameFeatures& out) const { features->load(pair[frame], out); }

@@ -22,7 +22,10 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
     slam::KeyframeInput input;
     input.utc_ns = pose.utc_ns;
     input.T_odom_cam = frames.reckoned[k];
-    input.unlocked_s = loss.add(now.unlocked_s - before.unlocked_s);
+    const bool of_ground = !frames.false_bottom[k] && (k == 0 || !frames.false_bottom[k - 1]);
+    input.unlocked_s = loss.add(
+        of_ground ? now.unlocked_s - before.unlocked_s
+                  : rt::seconds(pose.utc_ns - navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].utc_ns));
     input.sound_share = now.sound_share;
     input.untilted_s = now.untilted_s - before.untilted_s;
     input.attitude_held = now.attitude_held;
@@ -67,15 +70,59 @@ slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::Navigatio
   return graph;
 }
 
+void bridge(std::vector<slam::KeyframeInput>& inputs, std::vector<slam::NavigationFix>& fixes,
+            const std::vector<slam::NavigationLink>& links, double unknown_velocity) {
+  constexpr double kAcceleration = 0.1;  // of a vehicle [m/s2]
+  const std::size_t frames = inputs.size();
+  std::vector<std::optional<Eigen::Vector3d>> velocity(frames);  // in the camera, over the step to each frame
+  const auto seconds = [&](std::size_t k) { return rt::seconds(inputs[k].utc_ns - inputs[k - 1].utc_ns); };
+  const auto middle = [&](std::size_t k) {
+    return 0.5 * rt::seconds(inputs[k].utc_ns + inputs[k - 1].utc_ns);
+  };
+  for (const slam::NavigationLink& link : links)
+    if (link.kept && link.ofChain() && seconds(link.b) > 0)
+      velocity[link.b] = link.T_a_b.translation() / seconds(link.b);
+  std::vector<Eigen::Vector3d> moved(frames, Eigen::Vector3d::Zero());
+  for (std::size_t k = 1; k < frames; ++k) {
+    moved[k] = moved[k - 1];
+    if (velocity[k] || inputs[k].unlocked_s == 0) continue;
+    std::size_t before = k, after = k;
+    while (before > 0 && !velocity[before]) --before;
+    while (after < frames && !velocity[after]) ++after;
+    double weights = 0;
+    Eigen::Vector3d seen = Eigen::Vector3d::Zero();
+    for (const std::size_t other : {before, after}) {
+      if (other == 0 || other == frames) continue;
+      const double weight = 1 / std::abs(middle(other) - middle(k));
+      seen += weight * *velocity[other];
+      weights += weight;
+    }
+    if (weights == 0) continue;
+    const double unlocked_s = kAcceleration * seconds(k) / weights / unknown_velocity;
+    if (unlocked_s >= inputs[k].unlocked_s) continue;
+    const SE3 &from = inputs[k - 1].T_odom_cam, &to = inputs[k].T_odom_cam;
+    Eigen::Vector3d change =
+        from.rotation() * seen * (seconds(k) / weights) - (to.translation() - from.translation());
+    change.z() = 0;  // depth is measured
+    moved[k] += change;
+    inputs[k].unlocked_s = unlocked_s;
+  }
+  for (std::size_t k = 0; k < frames; ++k)
+    inputs[k].T_odom_cam =
+        SE3(inputs[k].T_odom_cam.rotation(), inputs[k].T_odom_cam.translation() + moved[k]);
+  for (slam::NavigationFix& fix : fixes) fix.antenna_in_odom += moved[static_cast<std::size_t>(fix.frame)];
+}
+
 std::vector<std::uint32_t> unjoined(const std::vector<slam::KeyframeInput>& inputs,
-                                    const std::vector<slam::NavigationLink>& links) {
+                                    const std::vector<slam::NavigationLink>& links, double unknown_velocity) {
   constexpr std::size_t kFew = 8;
+  constexpr double kKnown = 0.1;  // standard deviation of a step [m]
   const auto frames = static_cast<std::uint32_t>(inputs.size());
   UnionFind joined(frames);
   for (const slam::NavigationLink& link : links)
     if (link.kept) joined.join(link.a, link.b);
   for (std::uint32_t k = 1; k < frames; ++k)
-    if (inputs[k].unlocked_s == 0) joined.join(k - 1, k);
+    if (unknown_velocity * inputs[k].unlocked_s <= kKnown) joined.join(k - 1, k);
   std::vector<std::size_t> size(frames, 0);
   for (std::uint32_t k = 0; k < frames; ++k) ++size[joined.root(k)];
   const std::size_t most = *std::max_element(size.begin(), size.end());

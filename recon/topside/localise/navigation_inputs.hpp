@@ -18,10 +18,16 @@ namespace fathom::topside {
 [[nodiscard]] std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation);
 // `graph` for the mission's mounting and tide.
 [[nodiscard]] slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::NavigationConfig graph);
-// Frames, few in a row, that neither images nor bottom track join to the others: where they are is known to
-// decimetres, and they would spoil a surface that is known to millimetres.
+// Steps that neither images (`links`) nor bottom track measure get the vehicle's velocity of the nearest
+// steps that images do measure, in place of 'unknown': a vehicle changes it slowly. Later inputs, and fixes
+// seen from them, move along.
+void bridge(std::vector<slam::KeyframeInput>& inputs, std::vector<slam::NavigationFix>& fixes,
+            const std::vector<slam::NavigationLink>& links, double unknown_velocity);
+// Frames, few in a row, that neither images, bottom track nor such a velocity join to the others: where they
+// are is known to decimetres, and they would spoil a surface that is known to millimetres.
 [[nodiscard]] std::vector<std::uint32_t> unjoined(const std::vector<slam::KeyframeInput>& inputs,
-                                                  const std::vector<slam::NavigationLink>& links);
+                                                  const std::vector<slam::NavigationLink>& links,
+                                                  double unknown_velocity);
 
 // How far stamps are off beside what mission.toml says, as turns of the vehicle show it by images and by the
 // attitude sensor: a compass that filters its readings is late; so are images whose camera has a clock of its

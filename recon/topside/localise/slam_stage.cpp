@@ -49,7 +49,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 16;
+constexpr std::uint32_t kLocaliseVersion = 17;
 constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
 constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
@@ -90,7 +90,9 @@ class Localisation {
         inputs_(inputsOf(frames, survey.navigation)),
         fixes_(fixesOf(frames, survey.navigation)),
         search_(input.rig, frames, graph_.noise.visual_scale, graph_.rig),
-        links_(std::move(odometry)) {}
+        links_(std::move(odometry)) {
+    bridge(inputs_, fixes_, links_, graph_.noise.unknown_velocity);
+  }
 
   SlamResult run(const GreyImages& images) {
     const std::size_t odometry = links_.size();
@@ -233,7 +235,7 @@ class Localisation {
       out_.uncertain[i].since_first = known.between(first, from, node, path);
     });
     out_.moved_rms = std::sqrt(squares / static_cast<double>(solved_.poses.size()));
-    for (const std::uint32_t frame : unjoined(inputs_, links_)) {
+    for (const std::uint32_t frame : unjoined(inputs_, links_, graph_.noise.unknown_velocity)) {
       out_.poses[frames_.pair[frame]].T_nav_body.reset();
       ++out_.unjoined;
     }

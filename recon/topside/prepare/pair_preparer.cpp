@@ -1,5 +1,6 @@
 #include "recon/topside/prepare/pair_preparer.hpp"
 
+#include <cmath>
 #include <optional>
 
 #include "firmware_if/mission/feature_file.hpp"
@@ -7,6 +8,7 @@
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/given_stereo.hpp"
+#include "recon/stereo/seed_plane.hpp"
 #include "recon/topside/light/pair_images.hpp"
 
 namespace fathom::topside {
@@ -18,6 +20,14 @@ constexpr double kNearestFeature = 0.4,
 
 closure::DepthRange depthsAbout(const stereo::SeedPlane& plane) {
   return {kNearestFeature * plane.ahead(), kFarthestFeature * plane.ahead()};
+}
+
+// `plane`, or that through the points where they are far from it: a DVL on a false bottom.
+stereo::SeedPlane groundBy(const stereo::StereoResult& found, const stereo::SeedPlane& plane) {
+  constexpr double kFar = 1.5;
+  const auto seen = stereo::fitSeedPlane(found.points);
+  const bool far = seen && std::abs(std::log(seen->ahead() / plane.ahead())) > std::log(kFar);
+  return far ? *seen : plane;
 }
 
 void take(const stereo::StereoResult& found, PreparedPair& out) {
@@ -62,16 +72,18 @@ class FromImages final : public PairPreparer {
     out.times[PairStage::kRead] = watch.lap();
     images_.correct(plane);
     out.times[PairStage::kLighting] = watch.lap();
-    if (extractor_)
-      out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(plane), plane.normal);
-    out.times[PairStage::kFeatures] = watch.lap();
     const stereo::StereoResult& found = dense_ ? dense_->process(images_.left(), images_.right(), plane)
                                                : sparse_->process(images_.left(), images_.right(), plane);
     take(found, out);
+    const stereo::SeedPlane ground = groundBy(found, plane);
+    if (ground.distance != plane.distance) images_.correct(ground);
     out.times[PairStage::kStereo] = watch.lap();
+    if (extractor_)
+      out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(ground), ground.normal);
+    out.times[PairStage::kFeatures] = watch.lap();
     if (enough(found, config_)) {
-      out.unlit = images_.unlit(plane);
-      out.mesh = out.unlit ? stereo::toMesh(found, {}) : coloured(found, plane);
+      out.unlit = images_.unlit(ground);
+      out.mesh = out.unlit ? stereo::toMesh(found, {}) : coloured(found, ground);
     }
     out.times[PairStage::kMesh] = watch.lap();
     return out;
