@@ -142,6 +142,11 @@ class Bound {
       any |= height[i] > kOnWall;
     }
     if (!any || part.corners + 2 > Part::kMost) return;
+    // A convex part crosses a plane twice; a sliver along it, by rounding, at nearly every corner.
+    int crossings = 0;
+    for (std::size_t i = 0; i < part.corners; ++i)
+      crossings += (height[i] > 0) == (height[(i + 1) % part.corners] > 0) ? 0 : 1;
+    if (crossings > 2) return;
     Part within;
     for (std::size_t i = 0; i < part.corners; ++i) {
       const std::size_t j = (i + 1) % part.corners;

@@ -252,6 +252,35 @@ TEST(OutlierGating, AFalseBottomThatBeginsBetweenLinksAndEndsInSilenceIsTheDvls)
     }
 }
 
+// Dead reckoning stands still meanwhile, and a position fix is five metres off.
+TEST(OutlierGating, StepsThatNothingMeasuresGoOnWithTheVelocityBefore) {
+  const testing::SyntheticDiveOptions options;
+  const testing::SyntheticDive survey = makeDive(options);
+  constexpr int kFirst = 8, kLast = kFirst + 2;  // on a line
+  NavigationGraph graph(testing::smallConfig());
+  driveOn(graph, survey, options, kFirst);
+  const auto truth = [&](int k) { return survey.truth[static_cast<std::size_t>(k)]; };
+  LossOfTrack loss;
+  for (int k = kFirst; k <= kLast; ++k) {
+    KeyframeInput input = survey.inputs[static_cast<std::size_t>(k)];
+    const KeyframeInput& before = survey.inputs[kFirst - 1];
+    Eigen::Vector3d place = before.T_odom_cam.translation();
+    place.z() = input.T_odom_cam.translation().z();
+    const std::int64_t since = survey.inputs[static_cast<std::size_t>(k - 1)].utc_ns;
+    input.unlocked_s = loss.add(static_cast<double>(input.utc_ns - since) * 1e-9);
+    input.T_odom_cam = SE3(input.T_odom_cam.rotation(), place);
+    ASSERT_EQ(graph.addKeyframe(input), k);
+    graph.judge();
+    (void)graph.step();
+  }
+  const Eigen::Vector2d off = truth(kLast).translation().head<2>() + Eigen::Vector2d(5, 0);
+  (void)graph.addFix(kLast, graph.odometry(kLast).translation(), off, 2.0, false);
+  for (int i = 0; i < 50; ++i) (void)graph.step();
+  const SE3 error = (truth(kFirst - 1).inverse() * truth(kLast)).inverse() *
+                    (graph.pose(kFirst - 1).inverse() * graph.pose(kLast));
+  EXPECT_LT(error.translation().norm(), 0.3);
+}
+
 // Images that saw level ground curved, as a calibration may leave it, are turned along each mounting's own
 // axes: closures show it, and without them the compass alone.
 TEST(OutlierGating, JudgesTheStepsOfACameraThatLooksAheadAsThoseOfOneThatLooksDown) {

@@ -69,6 +69,7 @@ void VelocityGate::judge(const Keyframe& from, Keyframe& to, const VisualStep& v
     // A false bottom may begin just where images show nothing.
     if (locked && !counters.dvl_rejected && vehicleCanComeTo(by_reckoning, unseen_s_))
       velocity_ = by_reckoning, unseen_s_ = 0;
+    if (!locked) bridge(from, to, elapsed);
     return;
   }
   unseen_s_ = 0;
@@ -105,6 +106,23 @@ void VelocityGate::judge(const Keyframe& from, Keyframe& to, const VisualStep& v
   velocity_ = by_images;
   calibrate();
   if (++contradictions_ >= config.reject_after) counters.dvl_rejected = true;
+}
+
+void VelocityGate::bridge(const Keyframe& from, const Keyframe& to, double elapsed) {
+  const NavigationConfig& config = keyframes_.config();
+  const double sigma = kMostAcceleration * elapsed * unseen_s_;
+  constexpr double kWorth = 0.5;  // of what is known without
+  if (sigma > kWorth * config.noise.unknown_velocity * to.quality.seconds_unlocked) return;
+  const Eigen::Vector2d path =
+      Eigen::Rotation2Dd(headingOf(from.T_odom_cam, config.forward_in_camera)) * velocity_ * elapsed;
+  Eigen::Vector3d change = from.T_odom_cam * config.dvl_in_camera - to.T_odom_cam * config.dvl_in_camera;
+  change.head<2>() += path;
+  change.z() = 0;  // depth is measured
+  StepQuality quality = to.quality;
+  quality.seconds_unlocked = sigma / config.noise.unknown_velocity;
+  (void)keyframes_.addFactor(stepFactor(from.node, to.node, from.T_odom_cam,
+                                        SE3(to.T_odom_cam.rotation(), to.T_odom_cam.translation() + change),
+                                        config.dvl_in_camera, quality, config.noise));
 }
 
 // Of the steps before the newest whose visual odometry was rejected.

@@ -45,6 +45,8 @@ class VelocityGate {
 
  private:
   void rejectDvlInstead();
+  // A step that neither images nor bottom track measure goes on with the newest velocity.
+  void bridge(const Keyframe& from, const Keyframe& to, double elapsed);
 
   KeyframeStore& keyframes_;
   DvlCalibration& dvl_;
