@@ -369,5 +369,27 @@ TEST(JoinTiles, WeldsWhatTilesShareAndKeepsTheBordersOfAllOfThem) {
   EXPECT_EQ(joinTiles({}, grid, {1, 0, 0}).mesh.vertices.size(), 0U);
 }
 
+// By rounding its parts cross that wall at nearly every corner.
+TEST(DistanceBound, HoldsForATriangleWhosePartsAreSliversAlongAWall) {
+  Mesh from, to;
+  from.vertices = {{-2.50976562F, 0.0844726562F, 13.6352539F},
+                   {-2.54101562F, 0.0629882812F, 13.6279297F},
+                   {-2.54345703F, 0.100585938F, 13.597168F}};
+  from.triangles = {{0, 1, 2}};
+  to.vertices = {{-2.54394531F, 0.0991210938F, 13.5961914F},
+                 {-2.54101562F, 0.0991210938F, 13.6030273F},
+                 {-2.54101562F, 0.0659179688F, 13.6269531F},
+                 {-2.54101562F, 0.109375F, 13.5961914F},
+                 {-2.51367188F, 0.0991210938F, 13.6289062F}};
+  to.triangles = {{0, 1, 2}, {0, 3, 1}, {2, 1, 4}, {4, 1, 3}};
+  const NearestTriangle nearest(to);
+  double least = 0;
+  for (const Eigen::Vector3f& p : from.vertices)
+    least = std::max(least, std::sqrt(nearest(p.cast<double>()).squared));
+  const double bound = distanceBound(from, to, 0.0005);
+  EXPECT_GE(bound, least);
+  EXPECT_LE(bound, 1.1 * least + 0.001);
+}
+
 }  // namespace
 }  // namespace fathom::surface
