@@ -101,9 +101,10 @@ TEST(LocalisationCore, WhereADvlIsStuckEveryPairIsAKeyframeFromTheFirstStepThatC
 }
 
 TEST(LocalisationCore, LostForSecondsAClosureEntersOnlyWhenAnotherAgreesAndThePositionIsRecovered) {
-  // On the second line, blind and without bottom track for two metres.
+  // On the second line, blind and without bottom track for four metres: beyond what the velocity before
+  // bridges.
   SyntheticSurvey dive =
-      syntheticSurvey({.dvl_dead_from = 26, .dvl_dead_to = 30, .blind_from = 26, .blind_to = 30});
+      syntheticSurvey({.dvl_dead_from = 26, .dvl_dead_to = 34, .blind_from = 26, .blind_to = 34});
   dive.fixes.clear();
   LocalisationConfig config = smallLocalisation();
   config.predictions_per_keyframe = 200;
