@@ -131,7 +131,8 @@ TEST_F(DeadReckoningFaults, ALongLossOfBottomTrackStopsSmoothlyAndGoesOn) {
   EXPECT_NEAR(nav.velocityBody().x(), 1.0, 0.1);
 }
 
-// It was at rest when the instrument froze: the track must know that it no longer knows the velocity.
+// The velocity stays, however long, that of the moment it froze: the track must know that it no longer knows
+// it.
 TEST_F(DeadReckoningFaults, ADvlThatSendsTheSameForSecondsIsNotUsed) {
   constexpr double kBegin = 5, kEnd = 25;
   std::optional<DvlSample> frozen;

@@ -17,15 +17,14 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
   slam::LossOfTrack loss;
   for (std::size_t k = 0; k < frames.pair.size(); ++k) {
     const NavigatedPose& pose = navigation.poses[frames.pair[k]];
-    const nav::DeadReckoning::Quality& before = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].quality;
-    const nav::DeadReckoning::Quality& now = pose.quality;
+    const NavigatedPose& last = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]];
+    const nav::DeadReckoning::Quality &before = last.quality, &now = pose.quality;
     slam::KeyframeInput input;
     input.utc_ns = pose.utc_ns;
     input.T_odom_cam = frames.reckoned[k];
     const bool of_ground = !frames.false_bottom[k] && (k == 0 || !frames.false_bottom[k - 1]);
-    input.unlocked_s = loss.add(
-        of_ground ? now.unlocked_s - before.unlocked_s
-                  : rt::seconds(pose.utc_ns - navigation.poses[frames.pair[k == 0 ? 0 : k - 1]].utc_ns));
+    input.unlocked_s =
+        loss.add(of_ground ? now.unlocked_s - before.unlocked_s : rt::seconds(pose.utc_ns - last.utc_ns));
     input.sound_share = now.sound_share;
     input.untilted_s = now.untilted_s - before.untilted_s;
     input.attitude_held = now.attitude_held;
