@@ -14,8 +14,7 @@ constexpr double kYawUnjudged = 1.0;  // variance of a step's yaw, which Heading
 constexpr double kOfTurn = 0.01;
 // A velocity that differs from the one before by twice as much as the other, and this, is the outlier.
 constexpr double kOutlierRatio = 2, kLeastChange_mps = 0.05;
-constexpr double kMostAcceleration = 0.1;  // of a vehicle [m/s2]
-constexpr double kStaleVelocity_s = 10;    // older, it says nothing of the present one
+constexpr double kStaleVelocity_s = 10;  // older, it says nothing of the present one
 
 // A path in odom's axes, level, ahead and to starboard of a heading [m].
 Eigen::Vector2d levelPath(const Eigen::Vector3d& path, double heading) {

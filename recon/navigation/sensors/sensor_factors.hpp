@@ -71,6 +71,9 @@ struct StepQuality {
   double pressure_sigma = 0;     // standard deviation that swell gives a depth by pressure [m]
 };
 
+// By which a vehicle changes its velocity at most [m/s2].
+inline constexpr double kMostAcceleration = 0.1;
+
 // During a loss of bottom track the unmeasured velocity is one for all steps, so the error of the path grows
 // with time, not with its root: a step adds the variance that the loss gains from T to T + dt,
 //   v^2 ((T + dt)^2 - T^2),

@@ -9,6 +9,7 @@
 #include "recon/geometry/sea_water.hpp"
 #include "recon/navigation/graph/navigation_config.hpp"
 #include "recon/navigation/sensors/mounting_check.hpp"
+#include "recon/navigation/sensors/sensor_factors.hpp"
 
 namespace fathom::topside {
 
@@ -71,7 +72,6 @@ slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::Navigatio
 
 void bridge(std::vector<slam::KeyframeInput>& inputs, std::vector<slam::NavigationFix>& fixes,
             const std::vector<slam::NavigationLink>& links, double unknown_velocity) {
-  constexpr double kAcceleration = 0.1;  // of a vehicle [m/s2]
   const std::size_t frames = inputs.size();
   std::vector<std::optional<Eigen::Vector3d>> velocity(frames);  // in the camera, over the step to each frame
   const auto seconds = [&](std::size_t k) { return rt::seconds(inputs[k].utc_ns - inputs[k - 1].utc_ns); };
@@ -97,7 +97,7 @@ void bridge(std::vector<slam::KeyframeInput>& inputs, std::vector<slam::Navigati
       weights += weight;
     }
     if (weights == 0) continue;
-    const double unlocked_s = kAcceleration * seconds(k) / weights / unknown_velocity;
+    const double unlocked_s = slam::kMostAcceleration * seconds(k) / weights / unknown_velocity;
     if (unlocked_s >= inputs[k].unlocked_s) continue;
     const SE3 &from = inputs[k - 1].T_odom_cam, &to = inputs[k].T_odom_cam;
     Eigen::Vector3d change =
