@@ -9,6 +9,7 @@
 
 #include "recon/lighting/channel_model.hpp"
 #include "recon/lighting/colour_light.hpp"
+#include "recon/lighting/demosaic.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/lighting/node_statistics.hpp"
 
@@ -133,6 +134,8 @@ struct LightingModel::Impl {
   void correctImage(const Task& task, const ImageView& image, std::uint8_t* out) const;
   template <Encoding kEncoding>
   void correct(const Task& task, const ImageView& image, std::uint8_t* out) const;
+  // Of what the ground's contrast is in each colour as it comes.
+  [[nodiscard]] GreyShares greyShares() const;
   // Of the three colours, that which a channel has.
   [[nodiscard]] std::size_t colourOf(std::size_t channel) const {
     return format == PixelFormat::kBayerRggb ? (channel + 1) / 2 : channels.size() == 1 ? 1 : channel;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -22,59 +21,6 @@ constexpr std::uint32_t kTag = rt::stateTag("LITE"), kVersion = 5;
 
 void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(std::string("lighting model: ") + what);
-}
-
-constexpr int kCopy = -1;
-
-// `from_bayer`, `from_mono`, `from_rgb`: OpenCV's conversion from each format to the wanted one; kCopy where
-// it is the wanted one already.
-void convert(const ImageView& image, int from_bayer, int from_mono, int from_rgb, int out_channels,
-             std::uint8_t* out) {
-  if (image.empty() || image.bits != 8) return;
-  const int in_channels = image.format == PixelFormat::kRgb ? 3 : 1;
-  // OpenCV has no constant view; the source is only read.
-  const cv::Mat in(image.height, image.width, CV_8UC(in_channels), const_cast<void*>(image.data),
-                   image.stride);
-  cv::Mat result(image.height, image.width, CV_8UC(out_channels), out);
-  const int code = image.format == PixelFormat::kBayerRggb ? from_bayer
-                   : image.format == PixelFormat::kMono    ? from_mono
-                                                           : from_rgb;
-  if (code == kCopy)
-    in.copyTo(result);
-  else
-    cv::cvtColor(in, result, code, out_channels);
-}
-
-// Whether a sample of the image's rows [y, y + rows) and columns [x, x + columns) is at `limit` or above.
-template <typename T>
-bool clipped(const ImageView& image, int x, int y, int columns, int rows, T limit) {
-  for (int v = y; v < std::min(y + rows, image.height); ++v) {
-    const T* line =
-        static_cast<const T*>(image.data) + static_cast<std::size_t>(v) * (image.stride / sizeof(T));
-    for (int u = x; u < std::min(x + columns, image.width * (image.format == PixelFormat::kRgb ? 3 : 1)); ++u)
-      if (line[u] >= limit) return true;
-  }
-  return false;
-}
-
-template <typename T>
-void neutraliseAbove(const ImageView& raw, T limit, std::uint8_t* rgb) {
-  // Cells of pixels that share samples: one pixel of RGB; 2 x 2 of a mosaic, whose samples also enter the
-  // pixels around by demosaicing.
-  const bool mosaic = raw.format == PixelFormat::kBayerRggb;
-  const int side = mosaic ? 2 : 1, reach = mosaic ? 1 : 0, samples = mosaic ? 2 : 3;
-  for (int y = 0; y < raw.height; y += side) {
-    if (!clipped(raw, 0, y, raw.width * (mosaic ? 1 : 3), side, limit)) continue;
-    for (int x = 0; x < raw.width; x += side) {
-      if (!clipped(raw, mosaic ? x : 3 * x, y, samples, side, limit)) continue;
-      for (int v = std::max(y - reach, 0); v < std::min(y + side + reach, raw.height); ++v)
-        for (int u = std::max(x - reach, 0); u < std::min(x + side + reach, raw.width); ++u) {
-          std::uint8_t* pixel = rgb + 3 * (static_cast<std::size_t>(v) * static_cast<std::size_t>(raw.width) +
-                                           static_cast<std::size_t>(u));
-          pixel[0] = pixel[1] = pixel[2] = std::max({pixel[0], pixel[1], pixel[2]});
-        }
-    }
-  }
 }
 
 }  // namespace
@@ -263,6 +209,36 @@ void LightingModel::colours(const ImageView& image, const RangeLattice& range, s
   if (m.fits(image)) neutraliseClipped(image, m.config.saturated, rgb);
 }
 
+GreyShares LightingModel::Impl::greyShares() const {
+  if (format == PixelFormat::kRgb) return usualShares(format);
+  std::array<double, 3> contrast{};  // parts of full scale
+  for (std::size_t c = 0; c < 3; ++c) {
+    const ChannelModel& channel = channelOf(c);
+    if (!channel.known()) return usualShares(format);
+    contrast[c] = static_cast<double>(std::exp(channel.whole().log_mean) * channel.contrast());
+  }
+  const double all = contrast[0] + contrast[1] + contrast[2];
+  if (!(all > 0)) return usualShares(format);
+  const auto share = [&](std::size_t c) {
+    return static_cast<std::uint16_t>(std::lround(kWhole * contrast[c] / all));
+  };
+  GreyShares shares{share(0), 0, share(2)};
+  shares[1] = static_cast<std::uint16_t>(kWhole - shares[0] - shares[2]);
+  return shares;
+}
+
+void LightingModel::grey(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic,
+                         std::uint8_t* rgb, std::uint8_t* grey, double exposure_s) const {
+  const Impl& m = *impl_;
+  if (m.format == PixelFormat::kMono) {
+    correct(image, range, grey, exposure_s);
+    return;
+  }
+  correct(image, range, mosaic, exposure_s);
+  greyOf({mosaic, m.width, m.height, static_cast<std::size_t>(m.width * m.samples_per_pixel), m.format, 8},
+         m.greyShares(), rgb, grey);
+}
+
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {
   impl_->correct<Encoding::kLevels>({}, image, out);
 }
@@ -351,23 +327,6 @@ void LightingModel::save(rt::StateWriter& writer) const {
 
 bool LightingModel::load(rt::StateReader& reader) {
   return reader.section(kTag, kVersion, [&] { Impl::exchange(reader, *impl_); });
-}
-
-void demosaicRgb(const ImageView& mosaic, std::uint8_t* out) {
-  convert(mosaic, cv::COLOR_BayerRGGB2RGB, cv::COLOR_GRAY2RGB, kCopy, 3, out);
-}
-
-void neutraliseClipped(const ImageView& raw, double limit, std::uint8_t* rgb) {
-  if (raw.empty() || raw.format == PixelFormat::kMono) return;
-  const double level = std::ceil(limit * ((1 << raw.bits) - 1));
-  if (raw.bits == 8)
-    neutraliseAbove(raw, static_cast<std::uint8_t>(level), rgb);
-  else
-    neutraliseAbove(raw, static_cast<std::uint16_t>(level), rgb);
-}
-
-void demosaicMono(const ImageView& mosaic, std::uint8_t* out) {
-  convert(mosaic, cv::COLOR_BayerRGGB2GRAY, kCopy, cv::COLOR_RGB2GRAY, 1, out);
 }
 
 }  // namespace fathom::lighting

@@ -123,6 +123,13 @@ class LightingModel {
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
                const ImageLight& light = {}) const;
 
+  // correct() into `mosaic`, then greyOf() into `grey` (width * height bytes). A colour of a mosaic has for
+  // share the contrast of the ground in it as it comes: corrected, red that the water took is as strong as
+  // the others again, but noisier, and a mono camera beside this one hardly sees it. `rgb` as for colours();
+  // a mono image needs neither.
+  void grey(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
+            std::uint8_t* grey, double exposure_s = 0) const;
+
   // Natural logarithm of the light that the model which corrects expects from a range [m], less a constant; 0
   // of a model that knows no range.
   [[nodiscard]] double logFall(std::size_t colour, double range) const;
@@ -159,17 +166,6 @@ class LightingModel {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-// Bilinear demosaic of an 8-bit RGGB mosaic (as correct() gives) to RGB, and to luminance (0.299 R + 0.587 G
-// + 0.114 B); `out` is width * height * 3, or width * height bytes. A mono image is copied (to RGB: three
-// times), an RGB image is copied (to mono: its luminance). An image that is empty or not of 8 bits leaves
-// `out` as it is.
-void demosaicRgb(const ImageView& mosaic, std::uint8_t* out);
-void demosaicMono(const ImageView& mosaic, std::uint8_t* out);
-
-// Makes pixels of `rgb` grey where a sample of `raw` (the camera's image of the same size) reaches `limit` of
-// full scale in any channel.
-void neutraliseClipped(const ImageView& raw, double limit, std::uint8_t* rgb);
 
 // Selects images of new ground to learn from: a vehicle that hovers would imprint its scene on the light's
 // pattern. An image is taken when its camera is farther than a fifth of its footprint from the last 64 that

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "recon/lighting/colour_light.hpp"
+#include "recon/lighting/demosaic.hpp"
 #include "recon/lighting/lighting_model.hpp"
 #include "recon/lighting/range_lattice.hpp"
 

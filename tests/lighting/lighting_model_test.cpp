@@ -225,68 +225,6 @@ TEST(LightingModel, ImpossibleShapesAndConfigurationsAreRefused) {
   EXPECT_THROW(make(5, 5, PixelFormat::kMono, 8, config), std::invalid_argument);
 }
 
-std::vector<std::uint8_t> mosaicOf(int width, int height, const std::array<std::uint8_t, 3>& rgb) {
-  std::vector<std::uint8_t> mosaic;
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) mosaic.push_back(rgb[static_cast<std::size_t>(colourAt(x, y))]);
-  return mosaic;
-}
-
-TEST(Demosaic, RedStaysRedAndBlueStaysBlueUpToTheEdges) {
-  const auto mosaic = mosaicOf(8, 6, {200, 90, 30});
-  std::vector<std::uint8_t> rgb(8 * 6 * 3), mono(8 * 6);
-  const ImageView view{mosaic.data(), 8, 6, 8, PixelFormat::kBayerRggb, 8};
-  demosaicRgb(view, rgb.data());
-  demosaicMono(view, mono.data());
-  for (std::size_t i = 0; i < rgb.size(); i += 3) {
-    EXPECT_EQ(rgb[i], 200) << i;
-    EXPECT_EQ(rgb[i + 1], 90) << i;
-    EXPECT_EQ(rgb[i + 2], 30) << i;
-  }
-  const double luminance = 0.299 * 200 + 0.587 * 90 + 0.114 * 30;
-  for (const std::uint8_t v : mono) EXPECT_NEAR(v, luminance, 1.0);
-}
-
-TEST(Demosaic, ASpotStaysWhereItIs) {
-  std::vector<std::uint8_t> mosaic = mosaicOf(16, 16, {50, 50, 50});
-  mosaic[6 * 16 + 8] = 250;  // a red sample
-  std::vector<std::uint8_t> rgb(16 * 16 * 3);
-  demosaicRgb({mosaic.data(), 16, 16, 16, PixelFormat::kBayerRggb, 8}, rgb.data());
-  EXPECT_EQ(rgb[(6 * 16 + 8) * 3], 250);
-  EXPECT_EQ(rgb[(6 * 16 + 8) * 3 + 1], 50);
-  EXPECT_EQ(rgb[(6 * 16 + 9) * 3], 150);
-  EXPECT_EQ(rgb[(6 * 16 + 7) * 3], 150);
-  EXPECT_EQ(rgb[(5 * 16 + 7) * 3], 100);
-}
-
-TEST(Demosaic, MonoIsCopiedAndOtherDepthsLeaveTheOutputAlone) {
-  const std::vector<std::uint8_t> gray = {1, 2, 3, 4, 5, 6};
-  std::vector<std::uint8_t> mono(6), rgb(18);
-  const ImageView view{gray.data(), 3, 2, 3, PixelFormat::kMono, 8};
-  demosaicMono(view, mono.data());
-  demosaicRgb(view, rgb.data());
-  EXPECT_EQ(mono, gray);
-  EXPECT_EQ(rgb, (std::vector<std::uint8_t>{1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5, 6, 6, 6}));
-  std::vector<std::uint8_t> untouched(6, 9);
-  ImageView deep = view;
-  deep.bits = 12;
-  demosaicMono(deep, untouched.data());
-  demosaicMono({}, untouched.data());
-  EXPECT_EQ(untouched, std::vector<std::uint8_t>(6, 9));
-}
-
-TEST(Demosaic, TheSmallestMosaicsGiveAnImage) {
-  for (int side = 2; side <= 4; ++side) {
-    const auto mosaic = mosaicOf(side, side, {200, 90, 30});
-    std::vector<std::uint8_t> rgb(static_cast<std::size_t>(side * side * 3), 1);
-    demosaicRgb({mosaic.data(), side, side, static_cast<std::size_t>(side), PixelFormat::kBayerRggb, 8},
-                rgb.data());
-    if (side > 2) {
-      EXPECT_EQ(rgb[0], 200) << side;
-    }
-  }
-}
-
 // Bright objects in every image, once visible and once hidden.
 TEST(LightingModel, LearnsNothingFromWhatAMaskHides) {
   const ImageMask mask = fathom::test::stripMask(kStrobeWidth, kStrobeHeight, 60, 79);

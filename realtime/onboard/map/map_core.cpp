@@ -55,10 +55,10 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
            static_cast<std::size_t>(config.stereo.max_features), rig_.history()),
       anchor_(config.localisation.graph.noise.usbl_shift),
       last_range_(kFirstDepth),
-      left_mosaic_(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format)),
+      mosaic_(std::max(pixelsOf(config.rig.left) * samplesPerPixel(config.left_format),
+                       pixelsOf(config.rig.right) * samplesPerPixel(config.right_format))),
+      rgb_(3 * std::max(pixelsOf(config.rig.left), pixelsOf(config.rig.right))),
       left_mono_(pixelsOf(config.rig.left)),
-      left_rgb_(3 * pixelsOf(config.rig.left)),
-      right_mosaic_(pixelsOf(config.rig.right) * samplesPerPixel(config.right_format)),
       right_mono_(pixelsOf(config.rig.right)) {
   if (config.colours) matrix_.emplace(*config.colours);
   const auto most_points = static_cast<std::size_t>(config.stereo.max_features);
@@ -172,12 +172,10 @@ stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
 void MapCore::correctPair(const MapInput& input) {
   if (left_light_.images() == 0) left_light_.add(input.left, ranges_.left(), input.left_exposure_s);
   if (right_light_.images() == 0) right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
-  left_light_.correct(input.left, ranges_.left(), left_mosaic_.data(), input.left_exposure_s);
-  right_light_.correct(input.right, ranges_.right(), right_mosaic_.data(), input.right_exposure_s);
-  lighting::demosaicMono(eightBitView(left_mosaic_, config_.rig.left, config_.left_format),
-                         left_mono_.data());
-  lighting::demosaicMono(eightBitView(right_mosaic_, config_.rig.right, config_.right_format),
-                         right_mono_.data());
+  left_light_.grey(input.left, ranges_.left(), mosaic_.data(), rgb_.data(), left_mono_.data(),
+                   input.left_exposure_s);
+  right_light_.grey(input.right, ranges_.right(), mosaic_.data(), rgb_.data(), right_mono_.data(),
+                    input.right_exposure_s);
 }
 
 void MapCore::learnLight(const MapInput& input, double range, const stereo::StereoResult& result) {
@@ -191,7 +189,7 @@ void MapCore::learnLight(const MapInput& input, double range, const stereo::Ster
     left_light_.add(input.left, ranges_.left(), input.left_exposure_s);
     right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
   }
-  left_light_.colours(input.left, ranges_.left(), left_mosaic_.data(), left_rgb_.data(),
+  left_light_.colours(input.left, ranges_.left(), mosaic_.data(), rgb_.data(),
                       {.exposure_s = input.left_exposure_s});
 }
 
@@ -215,7 +213,7 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
   const stereo::StereoResult& result = matchWithRig(match);
   ended("stereo");
   learnLight(input, plane.ahead(), result);
-  stereo::toMesh(result, eightBitView(left_rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
+  stereo::toMesh(result, eightBitView(rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);
   if (matrix_ && !mesh_.colours.empty())
     matrix_->apply({mesh_.colours.front().data(), 3 * mesh_.colours.size()});
   ended("lighting learns");

@@ -225,8 +225,9 @@ class MapCore {
   double anchor_sigma_ = 0;  // of T_nav_odom, horizontal [m]
   double last_range_;        // seed where the DVL has no altitude [m]
   std::optional<ColourMatrix> matrix_;
-  std::vector<float> point_ranges_;  // of a pair's points; scratch
-  std::vector<std::uint8_t> left_mosaic_, left_mono_, left_rgb_, right_mosaic_, right_mono_;
+  std::vector<float> point_ranges_;         // of a pair's points; scratch
+  std::vector<std::uint8_t> mosaic_, rgb_;  // of one camera after the other, at last the left one's colours
+  std::vector<std::uint8_t> left_mono_, right_mono_;
   std::vector<Eigen::Vector3f> points_, right_points_;  // of a pair, for the ranges
   Counters counters_;
 };

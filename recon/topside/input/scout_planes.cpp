@@ -9,6 +9,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/progress.hpp"
 #include "recon/geometry/image_view.hpp"
+#include "recon/lighting/demosaic.hpp"
 #include "recon/stereo/seed_plane.hpp"
 
 namespace fathom::topside {
@@ -47,9 +48,10 @@ std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
   cv::Mat eight_bit;
   in.convertTo(eight_bit, CV_8U, kMean / std::max(cv::mean(in)[0], 1.0));
   std::vector<std::uint8_t> grey(static_cast<std::size_t>(image.width) *
-                                 static_cast<std::size_t>(image.height));
-  lighting::demosaicMono({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
-                         grey.data());
+                                 static_cast<std::size_t>(image.height)),
+      rgb(image.format == PixelFormat::kMono ? 0 : 3 * grey.size());
+  lighting::greyOf({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
+                   lighting::usualShares(image.format), rgb.data(), grey.data());
   if (image.mask != nullptr) fillHidden(grey.data(), 1, *image.mask);
   return grey;
 }

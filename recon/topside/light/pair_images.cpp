@@ -4,20 +4,6 @@
 #include "recon/geometry/image_view.hpp"
 
 namespace fathom::topside {
-namespace {
-
-// `file` corrected, as it was read and in grey.
-void correctOne(const lighting::LightingModel& model, const lighting::RangeLattice& ranges,
-                const io::ImageFile& file, double exposure_s, const Camera& camera,
-                std::vector<std::uint8_t>& corrected, std::vector<std::uint8_t>& mono) {
-  corrected.resize(pixelsOf(camera) * samplesPerPixel(file.view.format));
-  mono.resize(pixelsOf(camera));
-  model.correct(file.view, ranges, corrected.data(), exposure_s);
-  lighting::demosaicMono(eightBitView(corrected, camera, file.view.format), mono.data());
-  if (file.mask) fillHidden(mono.data(), 1, *file.mask);
-}
-
-}  // namespace
 
 PairImages::PairImages(const MissionInput& input, const LightingModels& models)
     : input_(input),
@@ -46,15 +32,25 @@ bool PairImages::read(const ImagePair& pair) {
   return readCamera(pair, 0) && readCamera(pair, 1);
 }
 
+void PairImages::correctOne(std::size_t camera, const stereo::SeedPlane& plane,
+                            std::vector<std::uint8_t>& mono) {
+  const io::ImageFile& file = files_[camera];
+  const std::size_t pixels = pixelsOf(input_.camera(camera));
+  mosaic_.resize(pixels * samplesPerPixel(file.view.format));
+  rgb_.resize(3 * pixels);
+  mono.resize(pixels);
+  models_.of(camera).grey(file.view, ranges_[camera].of(plane, {}), mosaic_.data(), rgb_.data(), mono.data(),
+                          exposures_s_[camera]);
+  if (file.mask) fillHidden(mono.data(), 1, *file.mask);
+}
+
 void PairImages::correct(const stereo::SeedPlane& plane) {
   (void)correctLeft(plane);
-  correctOne(models_.right, ranges_[1].of(plane, {}), files_[1], exposures_s_[1], rig_.right, right_,
-             right_mono_);
+  correctOne(1, plane, right_mono_);
 }
 
 ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
-  correctOne(models_.left, ranges_[0].of(plane, {}), files_[0], exposures_s_[0], rig_.left, left_,
-             left_mono_);
+  correctOne(0, plane, left_mono_);
   return left();
 }
 

@@ -76,13 +76,15 @@ class PairImages {
   }
 
  private:
+  void correctOne(std::size_t camera, const stereo::SeedPlane& plane, std::vector<std::uint8_t>& mono);
+
   const MissionInput& input_;
   const StereoRig& rig_;
   const LightingModels& models_;
   std::vector<CameraRanges> ranges_;  // by camera
   std::vector<io::ImageFile> files_;  // by camera
   std::vector<double> exposures_s_;   // of these
-  std::vector<std::uint8_t> left_, right_, left_mono_, right_mono_, mosaic_;
+  std::vector<std::uint8_t> left_mono_, right_mono_, mosaic_, rgb_;
   std::optional<ColourMatrix> matrix_;
   std::string error_;
 };

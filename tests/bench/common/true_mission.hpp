@@ -146,11 +146,9 @@ inline TrueMission::Images TrueMission::corrected(std::size_t pair) const {
   }
   const auto grey = [](const io::ImageFile& file, const lighting::LightingModel& light,
                        const lighting::RangeLattice& ranges) {
-    cv::Mat mosaic(file.view.height, file.view.width, CV_8UC1), mono(mosaic.size(), CV_8UC1);
-    light.correct(file.view, ranges, mosaic.data);
-    ImageView view = viewOf(mosaic);
-    view.format = file.view.format;
-    lighting::demosaicMono(view, mono.data);
+    cv::Mat mosaic(file.view.height, file.view.width, CV_8UC1), rgb(mosaic.size(), CV_8UC3),
+        mono(mosaic.size(), CV_8UC1);
+    light.grey(file.view, ranges, mosaic.data, rgb.data, mono.data);
     return mono;
   };
   light_->ranges.fromPlane(pairs_.at(pair).plane.normal, pairs_[pair].plane.distance);
