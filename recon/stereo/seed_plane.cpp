@@ -19,6 +19,37 @@ constexpr double kMinSpread =
     1e-6;  // of the rays, smallest eigenvalue to largest: a field of view of 0.1 degrees
 constexpr double kMinSigma = 1e-6;  // [1/m]: far below the resolution of a pixel
 
+std::optional<SeedPlane> fitted(std::span<const StereoPoint> points, std::span<double> scratch) {
+  if (points.size() < kMinPoints) return std::nullopt;
+  const std::span<double> values = scratch.first(points.size());
+  const auto rayOf = [&](std::size_t i) -> Eigen::Vector3d {
+    const Eigen::Vector3d p = points[i].point.cast<double>();
+    return p / p.z();
+  };
+  const auto inverseDepth = [&](std::size_t i) { return 1.0 / static_cast<double>(points[i].point.z()); };
+  // From the median: a least-squares start would follow gross errors.
+  for (std::size_t i = 0; i < points.size(); ++i) values[i] = inverseDepth(i);
+  Eigen::Vector3d plane(0, 0, median(values));
+  for (int k = 0; k < kIterations; ++k) {
+    for (std::size_t i = 0; i < points.size(); ++i) values[i] = inverseDepth(i) - rayOf(i).dot(plane);
+    const double scale = kCauchy * std::max(madSigma(values, 0), kMinSigma);
+    Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d b = Eigen::Vector3d::Zero();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Eigen::Vector3d ray = rayOf(i);
+      const double off = (inverseDepth(i) - ray.dot(plane)) / scale, weight = 1 / (1 + off * off);
+      h += weight * ray * ray.transpose();
+      b += weight * inverseDepth(i) * ray;
+    }
+    const Eigen::Vector3d spread = symmetricEigenvalues(h);
+    if (!(spread(0) > kMinSpread * spread(2))) return std::nullopt;
+    plane = h.ldlt().solve(b);
+  }
+  const double length = plane.norm();
+  if (!(plane.z() > 0) || !std::isfinite(length)) return std::nullopt;
+  return SeedPlane{plane / length, 1.0 / length};
+}
+
 }  // namespace
 
 WideSearch wideSearch(const StereoRig& rig, double min_range, double max_range) {
@@ -34,31 +65,19 @@ WideSearch wideSearch(const StereoRig& rig, double min_range, double max_range) 
 }
 
 std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points) {
-  if (points.size() < kMinPoints) return std::nullopt;
-  const auto n = static_cast<Eigen::Index>(points.size());
-  Eigen::MatrixX3d rays(n, 3);
-  Eigen::VectorXd inverse_depth(n);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const Eigen::Vector3d p = points[static_cast<std::size_t>(i)].point.cast<double>();
-    rays.row(i) = (p / p.z()).transpose();
-    inverse_depth(i) = 1.0 / p.z();
-  }
-  // From the median: a least-squares start would follow gross errors.
-  std::vector<double> values(inverse_depth.begin(), inverse_depth.end());
-  Eigen::Vector3d plane(0, 0, median(std::span(values)));
-  for (int k = 0; k < kIterations; ++k) {
-    const Eigen::VectorXd residual = inverse_depth - rays * plane;
-    values.assign(residual.begin(), residual.end());
-    const double scale = kCauchy * std::max(madSigma(std::span(values), 0), kMinSigma);
-    const Eigen::VectorXd weight = (1.0 + (residual.array() / scale).square()).inverse();
-    const Eigen::Matrix3d normal_matrix = rays.transpose() * weight.asDiagonal() * rays;
-    const Eigen::Vector3d spread = symmetricEigenvalues(normal_matrix);
-    if (!(spread(0) > kMinSpread * spread(2))) return std::nullopt;
-    plane = normal_matrix.ldlt().solve(rays.transpose() * (weight.asDiagonal() * inverse_depth));
-  }
-  const double length = plane.norm();
-  if (!(plane.z() > 0) || !std::isfinite(length)) return std::nullopt;
-  return SeedPlane{plane / length, 1.0 / length};
+  std::vector<double> scratch(points.size());
+  return fitted(points, scratch);
+}
+
+std::optional<SeedPlane> groundElsewhere(std::span<const StereoPoint> points, const SeedPlane& seed,
+                                         std::span<double> scratch) {
+  constexpr double kElsewhere = 1.5, kMaybe = 1.3;  // of the seed's range; of points' median, worth a fit
+  const auto apart = [&](double range) { return std::abs(std::log(range / seed.ahead())); };
+  const std::span<double> depths = scratch.first(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) depths[i] = static_cast<double>(points[i].point.z());
+  if (points.empty() || apart(median(depths)) < std::log(kMaybe)) return std::nullopt;
+  const auto ground = fitted(points, scratch);
+  return ground && apart(ground->ahead()) > std::log(kElsewhere) ? ground : std::nullopt;
 }
 
 PlaneScout::PlaneScout(const StereoRig& rig, SparseStereoConfig config)

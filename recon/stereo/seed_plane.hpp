@@ -21,6 +21,14 @@ struct WideSearch {
 // fits them.
 [[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points);
 
+// That plane where it is nearer or farther than the seed's by more than half, as of a DVL on a false bottom;
+// nothing elsewhere. No call of the heap: `scratch` has at least as many values as there are points.
+[[nodiscard]] std::optional<SeedPlane> groundElsewhere(std::span<const StereoPoint> points,
+                                                       const SeedPlane& seed, std::span<double> scratch);
+// The same without the heap; `scratch`: at least as many as points.
+[[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points,
+                                                    std::span<double> scratch);
+
 // The seafloor's plane from a pair of images alone.
 class PlaneScout {
  public:

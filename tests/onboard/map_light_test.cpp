@@ -1,5 +1,8 @@
 // What MapCore teaches its models of light, and what a pair costs.
 #include <gtest/gtest.h>
+#include <array>
+#include <random>
+#include <vector>
 
 #include "realtime/onboard/map/map_core.hpp"
 #include "realtime/onboard/map/moving_map.hpp"
@@ -57,22 +60,55 @@ TEST(MapLight, IsNotLearntFromAVehicleThatHovers) {
   EXPECT_GE(imagesLearnt(100, 0.5), 100);
 }
 
-TEST(MapPair, TakesNothingFromTheHeap) {
-  constexpr int kSpeckle = 3, kDisparity = 7;  // [px]; what the rig sees 2 m away
-  MapCore map(config());
-  std::mt19937 random(6);
-  std::vector<std::uint16_t> left(kWidth * kHeight), right(left.size());
-  std::vector<std::uint16_t> speckles(left.size());
-  std::size_t points = 0;
-  std::uint64_t heap_calls = 0;
-  for (int k = 0; k < 5; ++k) {
-    for (std::uint16_t& s : speckles) s = static_cast<std::uint16_t>(500 + random() % 3000);
+// Both images of speckled ground, new ones with each next().
+struct SpeckledPair {
+  static constexpr std::size_t kSpeckle = 3;  // [px]
+  std::vector<std::uint16_t> left, right, speckles;
+  std::mt19937 random{6};
+
+  // `disparity` [px]: 7 is 2 m away. `light`: of what the ground shows 2 m away.
+  void next(std::size_t disparity, double light = 1) {
+    left.resize(kWidth * kHeight), right.resize(left.size()), speckles.resize(left.size());
+    for (std::uint16_t& s : speckles)
+      s = static_cast<std::uint16_t>(light * static_cast<double>(500 + random() % 3000));
     for (std::size_t y = 0; y < kHeight; ++y)
       for (std::size_t x = 0; x < kWidth; ++x) {
         left[y * kWidth + x] = speckles[y / kSpeckle * kWidth + x / kSpeckle];
-        right[y * kWidth + x] = speckles[y / kSpeckle * kWidth + (x + kDisparity) / kSpeckle];
+        right[y * kWidth + x] = speckles[y / kSpeckle * kWidth + (x + disparity) / kSpeckle];
       }
-    const MapInput input = pairAt(k, 0.2, left, right);
+  }
+};
+
+// Ground 3.5 m away, when all before was 2 m away, is a tenth as bright.
+TEST(MapPair, IsSeenAsWellWhereAFalseBottomTellsTheWrongRange) {
+  std::array<std::size_t, 2> points{};
+  for (const bool known : {true, false}) {
+    MapCoreConfig with = config();
+    with.lighting.choice = lighting::LightingChoice::kRangeDependent;
+    MapCore map(with);
+    SpeckledPair pair;
+    for (int k = 0; k < 12; ++k) {
+      pair.next(7);
+      static_cast<void>(map.process(pairAt(k, 0.5, pair.left, pair.right)));
+    }
+    pair.next(4, 0.1);
+    MapInput input = pairAt(12, 0.5, pair.left, pair.right);
+    input.altitude = known ? 3.5 : 1.2;
+    points[known ? 0 : 1] = map.process(input).points;
+  }
+  EXPECT_GT(points[0], 100U);
+  EXPECT_GE(static_cast<double>(points[1]), 0.9 * static_cast<double>(points[0]));
+}
+
+TEST(MapPair, TakesNothingFromTheHeap) {
+  MapCore map(config());
+  SpeckledPair pair;
+  std::size_t points = 0;
+  std::uint64_t heap_calls = 0;
+  for (int k = 0; k < 5; ++k) {
+    pair.next(7);
+    MapInput input = pairAt(k, 0.2, pair.left, pair.right);
+    if (k == 4) input.altitude = 1;  // a false bottom
     const test::ThreadCost before = test::threadCost();
     points = map.process(input).points;
     heap_calls = (test::threadCost() - before).heap_calls;

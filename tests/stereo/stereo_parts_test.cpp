@@ -171,6 +171,21 @@ TEST(SeedPlane, IsRecoveredThroughAThirdOfGrossErrors) {
   EXPECT_LT((plane->normal - truth.normal).norm(), 0.02);
 }
 
+TEST(SeedPlane, IsElsewhereWhereItIsNotAboutTheSeed) {
+  std::vector<double> scratch(300);
+  for (const double distance : {2.0, 2.9, 3.1, 1.4, 1.3}) {
+    const SeedPlane truth{Eigen::Vector3d(0.12, -0.2, 1).normalized(), distance};
+    const double ahead = truth.ahead();
+    const SeedPlane seed{Eigen::Vector3d::UnitZ(), 2.0 * ahead / distance};
+    const auto ground = groundElsewhere(pointsOf(truth, 300, 0.01, 0.2), seed, scratch);
+    EXPECT_EQ(ground.has_value(), distance > 3 || distance < 1.35) << distance;
+    if (ground) {
+      EXPECT_NEAR(ground->distance, truth.distance, 0.02);
+    }
+  }
+  EXPECT_FALSE(groundElsewhere({}, {}, {}).has_value());
+}
+
 TEST(SeedPlane, IsAbsentForTooFewPoints) {
   const SeedPlane truth{Eigen::Vector3d::UnitZ(), 2};
   EXPECT_FALSE(fitSeedPlane(pointsOf(truth, 11, 0.01, 0)).has_value());

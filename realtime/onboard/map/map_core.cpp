@@ -6,6 +6,7 @@
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/geometry/image_view.hpp"
+#include "recon/stereo/seed_plane.hpp"
 
 namespace fathom::onboard {
 namespace {
@@ -64,6 +65,7 @@ MapCore::MapCore(const MapCoreConfig& config, const MapSlots& slots)
   const auto most_points = static_cast<std::size_t>(config.stereo.max_features);
   points_.reserve(most_points);
   point_ranges_.reserve(most_points);
+  scratch_.resize(most_points);
   mesh_.vertices.reserve(most_points);
   mesh_.normals.reserve(most_points);
   mesh_.colours.reserve(most_points);
@@ -201,7 +203,8 @@ const stereo::StereoResult& MapCore::matchWithRig(const Match& match) {
   return match();
 }
 
-const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& plane) {
+const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& expected) {
+  stereo::SeedPlane plane = expected;
   const auto match = [&]() -> const stereo::StereoResult& {
     ranges_.fromPlane(plane.normal, plane.distance);
     correctPair(input);
@@ -211,6 +214,11 @@ const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const ster
                            input.max_features);
   };
   const stereo::StereoResult& result = matchWithRig(match);
+  if (const auto elsewhere = stereo::groundElsewhere(result.points, expected, scratch_)) {
+    // By that range the light was wrong too, and may have left no contrast.
+    plane = *elsewhere;
+    (void)match();
+  }
   ended("stereo");
   learnLight(input, plane.ahead(), result);
   stereo::toMesh(result, eightBitView(rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);

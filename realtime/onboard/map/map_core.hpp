@@ -226,6 +226,7 @@ class MapCore {
   double last_range_;        // seed where the DVL has no altitude [m]
   std::optional<ColourMatrix> matrix_;
   std::vector<float> point_ranges_;         // of a pair's points; scratch
+  std::vector<double> scratch_;             // by point
   std::vector<std::uint8_t> mosaic_, rgb_;  // of one camera after the other, at last the left one's colours
   std::vector<std::uint8_t> left_mono_, right_mono_;
   std::vector<Eigen::Vector3f> points_, right_points_;  // of a pair, for the ranges

@@ -1,7 +1,8 @@
 #include "recon/topside/prepare/pair_preparer.hpp"
 
-#include <cmath>
+#include <algorithm>
 #include <optional>
+#include <vector>
 
 #include "firmware_if/mission/feature_file.hpp"
 #include "realtime/base/input_error.hpp"
@@ -20,14 +21,6 @@ constexpr double kNearestFeature = 0.4,
 
 closure::DepthRange depthsAbout(const stereo::SeedPlane& plane) {
   return {kNearestFeature * plane.ahead(), kFarthestFeature * plane.ahead()};
-}
-
-// `plane`, or that through the points where they are far from it: a DVL on a false bottom.
-stereo::SeedPlane groundBy(const stereo::StereoResult& found, const stereo::SeedPlane& plane) {
-  constexpr double kFar = 1.5;
-  const auto seen = stereo::fitSeedPlane(found.points);
-  const bool far = seen && std::abs(std::log(seen->ahead() / plane.ahead())) > std::log(kFar);
-  return far ? *seen : plane;
 }
 
 void take(const stereo::StereoResult& found, PreparedPair& out) {
@@ -72,11 +65,20 @@ class FromImages final : public PairPreparer {
     out.times[PairStage::kRead] = watch.lap();
     images_.correct(plane);
     out.times[PairStage::kLighting] = watch.lap();
-    const stereo::StereoResult& found = dense_ ? dense_->process(images_.left(), images_.right(), plane)
-                                               : sparse_->process(images_.left(), images_.right(), plane);
+    stereo::SeedPlane ground = plane;
+    const auto match = [&]() -> const stereo::StereoResult& {
+      return dense_ ? dense_->process(images_.left(), images_.right(), ground)
+                    : sparse_->process(images_.left(), images_.right(), ground);
+    };
+    const stereo::StereoResult& found = match();
+    scratch_.resize(std::max(scratch_.size(), found.points.size()));
+    if (const auto elsewhere = stereo::groundElsewhere(found.points, plane, scratch_)) {
+      // By that range the light was wrong too, and may have left no contrast.
+      ground = *elsewhere;
+      images_.correct(ground);
+      (void)match();
+    }
     take(found, out);
-    const stereo::SeedPlane ground = groundBy(found, plane);
-    if (ground.distance != plane.distance) images_.correct(ground);
     out.times[PairStage::kStereo] = watch.lap();
     if (extractor_)
       out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(ground), ground.normal);
@@ -100,6 +102,7 @@ class FromImages final : public PairPreparer {
 
   const TopsideConfig& config_;
   PairImages images_;
+  std::vector<double> scratch_;
   std::optional<closure::FeatureExtractor> extractor_;
   std::optional<stereo::SparseStereo> sparse_;
   std::optional<stereo::DenseStereo> dense_;  // if configured, instead
