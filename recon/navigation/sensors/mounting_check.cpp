@@ -113,11 +113,16 @@ Mounting mountingOf(const std::vector<KeyframeInput>& frames, std::span<const Na
     x = factor.solve(right);
     sigma = factor.solve(Matrix5d::Identity()).diagonal().cwiseSqrt();
   }
-  double misfit = 0;
-  for (const Step& step : steps) {
-    const Vector6d left = step.error - step.by * x;
-    misfit += std::log1p(left.dot(step.information * left) / kLinkFree) / static_cast<double>(steps.size());
-  }
+  const auto misfitOf = [&](const Vector5d& y) {
+    double sum = 0;
+    for (const Step& step : steps) {
+      const Vector6d left = step.error - step.by * y;
+      sum += std::log1p(left.dot(step.information * left) / kLinkFree);
+    }
+    return steps.empty() ? 0 : sum / static_cast<double>(steps.size());
+  };
+  Vector5d unshifted = x;
+  unshifted(4) = 0;
   return {x.head<3>(),
           sigma.head<3>(),
           x(3),
@@ -125,7 +130,8 @@ Mounting mountingOf(const std::vector<KeyframeInput>& frames, std::span<const Na
           x(4),
           std::hypot(sigma(4), kSmoothed * x(4)),
           static_cast<int>(steps.size()),
-          misfit};
+          misfitOf(x),
+          misfitOf(unshifted)};
 }
 
 PathScale pathScaleOf(const std::vector<KeyframeInput>& frames, std::span<const NavigationLink> links,

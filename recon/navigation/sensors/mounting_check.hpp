@@ -16,7 +16,8 @@ struct Mounting {
   double dvl_scale = 0, dvl_scale_sigma = 0;      // true path over reckoned path, less 1
   double time_offset = 0, time_offset_sigma = 0;  // images were taken so much later than stamped [s]
   int steps = 0;                                  // used
-  double misfit = 0;  // of a step with these, in the mean: Cauchy's cost, of chi-square over kLinkFree
+  // Of a step with these, in the mean: Cauchy's cost, of chi-square over kLinkFree; and without the offset.
+  double misfit = 0, misfit_unshifted = 0;
 };
 
 // Mounting by the steps that both visual odometry (`links` of consecutive frames) and dead reckoning

@@ -164,7 +164,8 @@ std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& c
   const slam::Mounting given = mountingBy(survey.navigation);
   std::optional<Retimed> best;
   if (std::abs(given.time_offset) < std::max(kLeast, kSigmas * given.time_offset_sigma)) return best;
-  double least = given.misfit;
+  // A shift that is right does at least half of what the offset promises, which is of first order alone.
+  double least = 0.5 * (given.misfit + given.misfit_unshifted);
   for (double SensorTiming::*const what : {&SensorTiming::attitude_late, &SensorTiming::images_late}) {
     slam::Mounting seen = given;
     SensorTiming timing;
