@@ -21,6 +21,9 @@ struct WideSearch {
 // fits them.
 [[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points);
 
+// Fewer points do not tell where the ground is.
+inline constexpr std::size_t kTellGround = 50;
+
 // That plane where it is nearer or farther than the seed's by more than half, as of a DVL on a false bottom;
 // nothing elsewhere. No call of the heap: `scratch` has at least as many values as there are points.
 [[nodiscard]] std::optional<SeedPlane> groundElsewhere(std::span<const StereoPoint> points,

@@ -206,18 +206,27 @@ const stereo::StereoResult& MapCore::matchWithRig(const Match& match) {
 const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& expected) {
   stereo::SeedPlane plane = expected;
   const auto match = [&]() -> const stereo::StereoResult& {
-    ranges_.fromPlane(plane.normal, plane.distance);
     correctPair(input);
     ended("lighting");
     return stereo_.process(eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
                            eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane,
                            input.max_features);
   };
-  const stereo::StereoResult& result = matchWithRig(match);
-  if (const auto elsewhere = stereo::groundElsewhere(result.points, expected, scratch_)) {
-    // By that range the light was wrong too, and may have left no contrast.
-    plane = *elsewhere;
+  const auto takeRanges = [&] { ranges_.fromPlane(plane.normal, plane.distance); };
+  const auto matchByRange = [&]() -> const stereo::StereoResult& {
+    takeRanges();
+    return match();
+  };
+  // By a wrong range the light is wrong too, and may leave no contrast.
+  const stereo::StereoResult& result = matchWithRig(matchByRange);
+  if (result.points.size() < stereo::kTellGround) {
+    ranges_.forget();
     (void)match();
+    takeRanges();
+  }
+  if (const auto elsewhere = stereo::groundElsewhere(result.points, expected, scratch_)) {
+    plane = *elsewhere;
+    (void)matchByRange();
   }
   ended("stereo");
   learnLight(input, plane.ahead(), result);

@@ -32,25 +32,29 @@ bool PairImages::read(const ImagePair& pair) {
   return readCamera(pair, 0) && readCamera(pair, 1);
 }
 
-void PairImages::correctOne(std::size_t camera, const stereo::SeedPlane& plane,
+void PairImages::correctOne(std::size_t camera, const lighting::RangeLattice& ranges,
                             std::vector<std::uint8_t>& mono) {
   const io::ImageFile& file = files_[camera];
   const std::size_t pixels = pixelsOf(input_.camera(camera));
   mosaic_.resize(pixels * samplesPerPixel(file.view.format));
   rgb_.resize(3 * pixels);
   mono.resize(pixels);
-  models_.of(camera).grey(file.view, ranges_[camera].of(plane, {}), mosaic_.data(), rgb_.data(), mono.data(),
-                          exposures_s_[camera]);
+  models_.of(camera).grey(file.view, ranges, mosaic_.data(), rgb_.data(), mono.data(), exposures_s_[camera]);
   if (file.mask) fillHidden(mono.data(), 1, *file.mask);
 }
 
 void PairImages::correct(const stereo::SeedPlane& plane) {
   (void)correctLeft(plane);
-  correctOne(1, plane, right_mono_);
+  correctOne(1, ranges_[1].of(plane, {}), right_mono_);
+}
+
+void PairImages::correctWithoutRanges() {
+  correctOne(0, {}, left_mono_);
+  correctOne(1, {}, right_mono_);
 }
 
 ImageView PairImages::correctLeft(const stereo::SeedPlane& plane) {
-  correctOne(0, plane, left_mono_);
+  correctOne(0, ranges_[0].of(plane, {}), left_mono_);
   return left();
 }
 

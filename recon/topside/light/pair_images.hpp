@@ -55,8 +55,9 @@ class PairImages {
 
   // Corrects the left image alone: 8-bit mono, until the next call.
   [[nodiscard]] ImageView correctLeft(const stereo::SeedPlane& plane);
-  // Corrects both by the ranges to a plane; then the views below hold 8-bit mono images.
+  // Corrects both by the ranges to a plane, or without ranges; then the views below hold 8-bit mono images.
   void correct(const stereo::SeedPlane& plane);
+  void correctWithoutRanges();
   // Whether the left image was taken while the strobes stayed dark.
   [[nodiscard]] bool unlit(const stereo::SeedPlane& plane);
   [[nodiscard]] ImageView left() const;
@@ -76,7 +77,7 @@ class PairImages {
   }
 
  private:
-  void correctOne(std::size_t camera, const stereo::SeedPlane& plane, std::vector<std::uint8_t>& mono);
+  void correctOne(std::size_t camera, const lighting::RangeLattice& ranges, std::vector<std::uint8_t>& mono);
 
   const MissionInput& input_;
   const StereoRig& rig_;

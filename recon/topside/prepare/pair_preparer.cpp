@@ -70,10 +70,14 @@ class FromImages final : public PairPreparer {
       return dense_ ? dense_->process(images_.left(), images_.right(), ground)
                     : sparse_->process(images_.left(), images_.right(), ground);
     };
+    // By a wrong range the light is wrong too, and may leave no contrast.
     const stereo::StereoResult& found = match();
+    if (found.points.size() < stereo::kTellGround) {
+      images_.correctWithoutRanges();
+      (void)match();
+    }
     scratch_.resize(std::max(scratch_.size(), found.points.size()));
     if (const auto elsewhere = stereo::groundElsewhere(found.points, plane, scratch_)) {
-      // By that range the light was wrong too, and may have left no contrast.
       ground = *elsewhere;
       images_.correct(ground);
       (void)match();
