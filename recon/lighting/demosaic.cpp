@@ -94,8 +94,8 @@ void greyOf(const ImageView& mosaic, const GreyShares& shares, std::uint8_t* rgb
     cv::v_expand(b, b0, b1);
     const auto mixed = [&](const cv::v_uint16x8& of_red, const cv::v_uint16x8& of_green,
                            const cv::v_uint16x8& of_blue) {
-      return cv::v_shr<8>(cv::v_mul_wrap(of_red, red) + cv::v_mul_wrap(of_green, green) +
-                          cv::v_mul_wrap(of_blue, blue) + half);
+      return cv::v_shr<kShareBits>(cv::v_mul_wrap(of_red, red) + cv::v_mul_wrap(of_green, green) +
+                                   cv::v_mul_wrap(of_blue, blue) + half);
     };
     cv::v_store(grey + k, cv::v_pack(mixed(r0, g0, b0), mixed(r1, g1, b1)));
   }

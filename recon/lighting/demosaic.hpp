@@ -14,7 +14,8 @@ void demosaicRgb(const ImageView& mosaic, std::uint8_t* out);
 
 // Shares of red, green and blue in grey, of kWhole in all.
 using GreyShares = std::array<std::uint16_t, 3>;
-inline constexpr unsigned kWhole = 256;
+inline constexpr int kShareBits = 8;
+inline constexpr unsigned kWhole = 1U << kShareBits;
 // Of an image as it comes: of a mosaic alike, as a sensor without colour filters sees the sum; of RGB, which
 // often holds hues at half the resolution, its luminance (ITU-R BT.601).
 [[nodiscard]] constexpr GreyShares usualShares(PixelFormat format) {

@@ -58,7 +58,6 @@ class RigRanges {
     const Eigen::Vector3d right_normal = T_right_left_.rotation() * normal;
     right_maker_.fromPlane(right_normal, distance + right_normal.dot(T_right_left_.translation()), right_);
   }
-  void forget() { left_ = right_ = {}; }  // both are unknown
   // Bends both to stereo's points (left camera frame [m]); `right_points` is room for as many.
   void bendTo(std::span<const Eigen::Vector3f> points, std::span<Eigen::Vector3f> right_points) {
     left_maker_.bendTo(points, left_);

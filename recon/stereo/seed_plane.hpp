@@ -1,7 +1,10 @@
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "recon/stereo/sparse_stereo.hpp"
 
@@ -21,16 +24,26 @@ struct WideSearch {
 // fits them.
 [[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points);
 
-// Fewer points do not tell where the ground is.
-inline constexpr std::size_t kTellGround = 50;
-
 // That plane where it is nearer or farther than the seed's by more than half, as of a DVL on a false bottom;
 // nothing elsewhere. No call of the heap: `scratch` has at least as many values as there are points.
 [[nodiscard]] std::optional<SeedPlane> groundElsewhere(std::span<const StereoPoint> points,
                                                        const SeedPlane& seed, std::span<double> scratch);
-// The same without the heap; `scratch`: at least as many as points.
-[[nodiscard]] std::optional<SeedPlane> fitSeedPlane(std::span<const StereoPoint> points,
-                                                    std::span<double> scratch);
+
+// Matches a pair again whose light was corrected for the range of `plane`, where that is not the ground's: by
+// a wrong range the light is wrong too, and may leave no contrast. `match(by_range)` corrects the light for
+// `plane`, or without a range, and renews `result`; it is called where too few points tell where the ground
+// is, and where they show it elsewhere, with `plane` moved there. `scratch` grows to the number of points.
+template <typename Match>
+void matchWhereGroundIs(const StereoResult& result, SeedPlane& plane, std::vector<double>& scratch,
+                        const Match& match) {
+  constexpr std::size_t kTellGround = 50;
+  if (result.points.size() < kTellGround) match(false);
+  scratch.resize(std::max(scratch.size(), result.points.size()));
+  if (const auto elsewhere = groundElsewhere(result.points, plane, scratch)) {
+    plane = *elsewhere;
+    match(true);
+  }
+}
 
 // The seafloor's plane from a pair of images alone.
 class PlaneScout {

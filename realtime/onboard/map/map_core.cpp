@@ -171,13 +171,14 @@ stereo::SeedPlane MapCore::seedPlane(const MapInput& input) const {
   return {down_cam, dvl_depth + *input.altitude - T_odom_cam.translation().z()};
 }
 
-void MapCore::correctPair(const MapInput& input) {
+void MapCore::correctPair(const MapInput& input, bool by_range) {
+  static const lighting::RangeLattice kUnknown;
   if (left_light_.images() == 0) left_light_.add(input.left, ranges_.left(), input.left_exposure_s);
   if (right_light_.images() == 0) right_light_.add(input.right, ranges_.right(), input.right_exposure_s);
-  left_light_.grey(input.left, ranges_.left(), mosaic_.data(), rgb_.data(), left_mono_.data(),
-                   input.left_exposure_s);
-  right_light_.grey(input.right, ranges_.right(), mosaic_.data(), rgb_.data(), right_mono_.data(),
-                    input.right_exposure_s);
+  left_light_.grey(input.left, by_range ? ranges_.left() : kUnknown, mosaic_.data(), rgb_.data(),
+                   left_mono_.data(), input.left_exposure_s);
+  right_light_.grey(input.right, by_range ? ranges_.right() : kUnknown, mosaic_.data(), rgb_.data(),
+                    right_mono_.data(), input.right_exposure_s);
 }
 
 void MapCore::learnLight(const MapInput& input, double range, const stereo::StereoResult& result) {
@@ -205,29 +206,17 @@ const stereo::StereoResult& MapCore::matchWithRig(const Match& match) {
 
 const stereo::StereoResult& MapCore::seeImages(const MapInput& input, const stereo::SeedPlane& expected) {
   stereo::SeedPlane plane = expected;
-  const auto match = [&]() -> const stereo::StereoResult& {
-    correctPair(input);
+  const auto match = [&](bool by_range) -> const stereo::StereoResult& {
+    ranges_.fromPlane(plane.normal, plane.distance);
+    correctPair(input, by_range);
     ended("lighting");
     return stereo_.process(eightBitView(left_mono_, config_.rig.left, PixelFormat::kMono),
                            eightBitView(right_mono_, config_.rig.right, PixelFormat::kMono), plane,
                            input.max_features);
   };
-  const auto takeRanges = [&] { ranges_.fromPlane(plane.normal, plane.distance); };
-  const auto matchByRange = [&]() -> const stereo::StereoResult& {
-    takeRanges();
-    return match();
-  };
-  // By a wrong range the light is wrong too, and may leave no contrast.
-  const stereo::StereoResult& result = matchWithRig(matchByRange);
-  if (result.points.size() < stereo::kTellGround) {
-    ranges_.forget();
-    (void)match();
-    takeRanges();
-  }
-  if (const auto elsewhere = stereo::groundElsewhere(result.points, expected, scratch_)) {
-    plane = *elsewhere;
-    (void)matchByRange();
-  }
+  const stereo::StereoResult& result =
+      matchWithRig([&]() -> const stereo::StereoResult& { return match(true); });
+  stereo::matchWhereGroundIs(result, plane, scratch_, match);
   ended("stereo");
   learnLight(input, plane.ahead(), result);
   stereo::toMesh(result, eightBitView(rgb_, config_.rig.left, PixelFormat::kRgb), mesh_);

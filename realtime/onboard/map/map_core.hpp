@@ -196,8 +196,8 @@ class MapCore {
   void updateRig(std::span<const RigMatch> matches, std::int64_t utc_ns);
   // All parts use rig_ from now on, instead of `before`.
   void useRig(const StereoRig& before);
-  // Corrects a pair for stereo.
-  void correctPair(const MapInput& input);
+  // Corrects a pair for stereo, by the ranges to its ground or without any.
+  void correctPair(const MapInput& input, bool by_range);
   // Fits the ranges to stereo's points, learns the lighting from the pair if it shows new ground, and
   // corrects the left image's colours again.
   void learnLight(const MapInput& input, double range, const stereo::StereoResult& result);

@@ -48,10 +48,10 @@ std::vector<std::uint8_t> stretchedGrey(const ImageView& image) {
   cv::Mat eight_bit;
   in.convertTo(eight_bit, CV_8U, kMean / std::max(cv::mean(in)[0], 1.0));
   std::vector<std::uint8_t> grey(static_cast<std::size_t>(image.width) *
-                                 static_cast<std::size_t>(image.height)),
-      rgb(image.format == PixelFormat::kMono ? 0 : 3 * grey.size());
+                                 static_cast<std::size_t>(image.height));
+  cv::Mat rgb(image.height, image.width, CV_8UC3);
   lighting::greyOf({eight_bit.data, image.width, image.height, eight_bit.step[0], image.format, 8},
-                   lighting::usualShares(image.format), rgb.data(), grey.data());
+                   lighting::usualShares(image.format), rgb.data, grey.data());
   if (image.mask != nullptr) fillHidden(grey.data(), 1, *image.mask);
   return grey;
 }

@@ -1,6 +1,5 @@
 #include "recon/topside/prepare/pair_preparer.hpp"
 
-#include <algorithm>
 #include <optional>
 #include <vector>
 
@@ -70,18 +69,14 @@ class FromImages final : public PairPreparer {
       return dense_ ? dense_->process(images_.left(), images_.right(), ground)
                     : sparse_->process(images_.left(), images_.right(), ground);
     };
-    // By a wrong range the light is wrong too, and may leave no contrast.
     const stereo::StereoResult& found = match();
-    if (found.points.size() < stereo::kTellGround) {
-      images_.correctWithoutRanges();
+    stereo::matchWhereGroundIs(found, ground, scratch_, [&](bool by_range) {
+      if (by_range)
+        images_.correct(ground);
+      else
+        images_.correctWithoutRanges();
       (void)match();
-    }
-    scratch_.resize(std::max(scratch_.size(), found.points.size()));
-    if (const auto elsewhere = stereo::groundElsewhere(found.points, plane, scratch_)) {
-      ground = *elsewhere;
-      images_.correct(ground);
-      (void)match();
-    }
+    });
     take(found, out);
     out.times[PairStage::kStereo] = watch.lap();
     if (extractor_)
