@@ -220,7 +220,7 @@ const char* patchName(int patch) {
 
 Eigen::Vector3d patchColour(int patch) {
   const Rgb& srgb = kChart[static_cast<std::size_t>(patch)].srgb;
-  return {linearFromSrgb(srgb[0] / 255.0), linearFromSrgb(srgb[1] / 255.0), linearFromSrgb(srgb[2] / 255.0)};
+  return {linearFromSrgb(srgb[0]), linearFromSrgb(srgb[1]), linearFromSrgb(srgb[2])};
 }
 
 std::optional<double> agreementOf(const ChartView& view) {

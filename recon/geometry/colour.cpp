@@ -18,13 +18,22 @@ double linearFromSrgb(double srgb) {
   return srgb <= kKnee ? srgb / 12.92 : std::pow((srgb + 0.055) / 1.055, 2.4);
 }
 
+double linearFromSrgb(std::uint8_t level) {
+  static const auto kTable = [] {
+    std::array<double, 256> table{};
+    for (std::size_t k = 0; k < table.size(); ++k) table[k] = linearFromSrgb(static_cast<double>(k) / 255);
+    return table;
+  }();
+  return kTable[level];
+}
+
 double srgbFromLinear(double linear) {
   constexpr double kKnee = 0.0031308;
   return linear <= kKnee ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
 }
 
 double luminanceOf(const Rgb& srgb) {
-  const auto linear = [&](std::size_t c) { return linearFromSrgb(srgb[c] / 255.0); };
+  const auto linear = [&](std::size_t c) { return linearFromSrgb(srgb[c]); };
   return 0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2);
 }
 
@@ -110,7 +119,7 @@ void writeColours(const std::filesystem::path& colour_file, const Eigen::Matrix3
 
 ColourMatrix::ColourMatrix(const Eigen::Matrix3d& matrix) : matrix_(matrix.cast<float>()), srgb_(kSteps + 1) {
   for (std::size_t k = 0; k < linear_.size(); ++k)
-    linear_[k] = static_cast<float>(linearFromSrgb(static_cast<double>(k) / 255));
+    linear_[k] = static_cast<float>(linearFromSrgb(static_cast<std::uint8_t>(k)));
   // For each step of linear light, the 8-bit sRGB level that is nearest in linear light.
   std::size_t level = 0;
   for (int k = 0; k <= kSteps; ++k) {

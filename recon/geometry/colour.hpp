@@ -14,6 +14,7 @@ namespace fathom {
 
 // sRGB (IEC 61966-2-1), 0 to 1, to linear light.
 [[nodiscard]] double linearFromSrgb(double srgb);
+[[nodiscard]] double linearFromSrgb(std::uint8_t level);  // by a table, the same
 [[nodiscard]] double srgbFromLinear(double linear);
 
 // Relative luminance, linear, 0 to 1 (CIE Y).

@@ -19,10 +19,15 @@ namespace {
 constexpr int kSparseLevels = 3;  // of the pyramids: the coarsest is a quarter of the size
 constexpr double kTopPixel = 1 << (kSparseLevels - 1);  // [px]
 // Of the wanted points: with fewer, the ground is blurred, faint, or not where the altitude says.
-constexpr double kFewPoints = 0.25;
+constexpr double kFewPoints = 0.25, kHalfOfPoints = 0.5;
 constexpr int kMaxFeatures = 5000;
 constexpr double kHalfPi = 1.5707963267948966;
 constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both cameras see
+
+// Of any look.
+int mostFeatures(const SparseStereoConfig& c) {
+  return std::max(c.max_features, c.more_features);
+}
 
 // Of the window's middle, which must converge to the same position.
 int coreWindow(int window) {
@@ -42,6 +47,7 @@ void validate(const StereoRig& rig, const SparseStereoConfig& c) {
   }
   requireSparse(rig.baseline() > 0, "the rig has no baseline");
   requireSparse(c.max_features >= 1 && c.max_features <= kMaxFeatures, "max_features must be 1 to 5000");
+  requireSparse(c.more_features <= kMaxFeatures, "more_features must be at most 5000");
   requireSparse(
       c.window >= PatchTracker::kMinWindow && c.window <= PatchTracker::kMaxWindow && c.window % 2 == 1,
       "window must be odd, 7 to 31 px");
@@ -116,15 +122,16 @@ struct SparseStereo::Impl {
         anywhere(r, c, wide.search_radius),
         left_pyramid(r.left.width, r.left.height, levels(r), kernels),
         right_pyramid(r.right.width, r.right.height, levels(r), kernels),
-        harris(r.left.width, c.max_features, kernels),
+        harris(r.left.width, mostFeatures(c), kernels),
         tracker(c.window, kernels),
         core(coreWindow(c.window), kernels),
-        found(r, static_cast<std::size_t>(c.max_features)),
-        mesh(static_cast<std::size_t>(c.max_features)) {
-    for (StereoResult* each : {&result, &coarse}) {
-      each->matches.reserve(static_cast<std::size_t>(c.max_features));
-      each->points.reserve(static_cast<std::size_t>(c.max_features));
-      each->triangles.reserve(2 * static_cast<std::size_t>(c.max_features));
+        found(r, static_cast<std::size_t>(mostFeatures(c))),
+        mesh(static_cast<std::size_t>(mostFeatures(c))) {
+    const auto most = static_cast<std::size_t>(mostFeatures(c));
+    for (StereoResult* each : {&result, &further}) {
+      each->matches.reserve(most);
+      each->points.reserve(most);
+      each->triangles.reserve(2 * most);
     }
     view_rays.resize(static_cast<std::size_t>(kViewNodes) * kViewNodes);
     look();
@@ -184,7 +191,7 @@ struct SparseStereo::Impl {
   MatchPoints found;
   LocalMesh mesh;
   std::vector<Eigen::Vector3d> view_rays;  // of the lattice's nodes, row by row
-  StereoResult result, coarse;             // coarse: of a further look
+  StereoResult result, further;            // further: of a look that may replace the result
   std::function<void(const char* stage)> observer;
 };
 
@@ -294,12 +301,18 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
 
   const int quota = max_features > 0 ? std::min(max_features, m.config.max_features) : m.config.max_features;
   m.process(m.lookAt(0, m.about_altitude, plane), left.mask, quota, m.result);
-  const auto few = [&] { return static_cast<double>(m.result.points.size()) < kFewPoints * quota; };
-  for (int level = 1; few() && level < m.left_pyramid.levels(); ++level) {
-    (void)m.found.begin(left, right, plane, m.coarse);
-    m.process(m.lookAt(level, m.anywhere, m.wide.plane), left.mask, quota, m.coarse);
-    if (m.coarse.points.size() > m.result.points.size()) std::swap(m.result, m.coarse);
-  }
+  const auto fewer = [&](double share) {
+    return static_cast<double>(m.result.points.size()) < share * quota;
+  };
+  const auto lookAgain = [&](const Impl::Look& look, int corners) {
+    (void)m.found.begin(left, right, plane, m.further);
+    m.process(look, left.mask, corners, m.further);
+    if (m.further.points.size() > m.result.points.size()) std::swap(m.result, m.further);
+  };
+  if (!fewer(kFewPoints) && fewer(kHalfOfPoints) && m.config.more_features > quota)
+    lookAgain(m.lookAt(0, m.about_altitude, plane), m.config.more_features);
+  for (int level = 1; fewer(kFewPoints) && level < m.left_pyramid.levels(); ++level)
+    lookAgain(m.lookAt(level, m.anywhere, m.wide.plane), quota);
   return m.result;
 }
 

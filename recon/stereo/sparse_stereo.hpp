@@ -18,7 +18,9 @@ namespace fathom::stereo {
 struct Kernels;
 
 struct SparseStereoConfig {
-  int max_features = 800;                // wanted Harris corners, spread over the image (up to 5000)
+  int max_features = 800;  // wanted Harris corners, spread over the image (up to 5000)
+  // Corners of a second look at a pair that gives fewer than half of the wanted points (up to 5000); 0: none.
+  int more_features = 0;
   int window = 15;                       // Lucas-Kanade window edge [px], odd
   double max_epipolar_distance = 1.0;    // [px]
   double max_left_right_distance = 0.5;  // left-right check [px]
@@ -80,7 +82,9 @@ struct StereoResult {
 //    (MidpointTriangulation), inflated by the frame's epipolar residuals (MatchNoise). For parallel
 //    cameras sigma_z = z^2 sigma_d / (f b), with the sigma_d of that match.
 // 5. Mismatches and fish are dropped (DepthConsistency), the rest is triangulated in the image (LocalMesh).
-// A pair that gives less than a quarter of the wanted points is looked at again at half and then at a quarter
+// A pair that gives less than half of the wanted points is looked at again with more_features corners: where
+// contrast is low most corners match no other, and those next in strength are as good. A pair that gives less
+// than a quarter of the wanted points is looked at again at half and then at a quarter
 // of its size, between all configured ranges: the ground is blurred, fainter than the noise of single pixels,
 // or not where the altitude says. The look with most points counts.
 //

@@ -130,6 +130,21 @@ TEST(SparseStereo, GroundThatIsFainterThanTheNoiseOfPixelsIsFoundAtHalfAndAQuart
   EXPECT_LE(errors.outliers, 0.01);
 }
 
+TEST(SparseStereo, PairOfLowContrastIsLookedAtAgainWithMoreCorners) {
+  const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
+  const Exposure faint{0.2, 60, 3.0};
+  const auto [left, right] = scene.render(faint, faint);
+  SparseStereoConfig config;
+  const StereoResult once = SparseStereo(scene.rig(), config).process(left.view(), right.view(), {});
+  EXPECT_LT(once.points.size(), 0.5 * config.max_features);
+  config.more_features = 2 * config.max_features;
+  const StereoResult again = SparseStereo(scene.rig(), config).process(left.view(), right.view(), {});
+  EXPECT_GE(again.points.size(), 1.5 * static_cast<double>(once.points.size()));
+  const Errors before = compare(scene, once), after = compare(scene, again);
+  EXPECT_LE(after.quantile(0.95), 1.1 * before.quantile(0.95));
+  EXPECT_LE(after.outliers, 0.005);
+}
+
 TEST(SparseStereo, CornersReachEveryPartOfTheImageThoughOneQuarterHasMostContrast) {
   const SyntheticScene scene(croppedRig(kSparseWidth, kSparseHeight), {level(2.0)});
   auto [left, right] = scene.render(kLeft, kRight);

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "recon/geometry/colour.hpp"
 #include "recon/geometry/tile_mesh.hpp"
 #include "recon/products/tiles/draco_surface.hpp"
 #include "recon/products/tiles/picture_codec.hpp"
@@ -31,15 +32,12 @@ namespace fathom::topside {
 
 // sRGB's transfer function (IEC 61966-2-1); glTF wants colours of vertices linear. 16 bits tell all 256
 // values of sRGB apart.
-[[nodiscard]] inline std::uint16_t linearFromSrgb(std::uint8_t value) {
-  const double s = value / 255.0;
-  const double linear = s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4);
-  return static_cast<std::uint16_t>(std::lround(65535 * linear));
+[[nodiscard]] inline std::uint16_t linear16Of(std::uint8_t srgb) {
+  return static_cast<std::uint16_t>(std::lround(65535 * linearFromSrgb(srgb)));
 }
-[[nodiscard]] inline std::uint8_t srgbFromLinear(std::uint16_t value) {
-  const double linear = value / 65535.0;
-  const double s = linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
-  return static_cast<std::uint8_t>(std::clamp(std::lround(255 * s), 0L, 255L));
+[[nodiscard]] inline std::uint8_t srgb8Of(std::uint16_t linear) {
+  const double srgb = srgbFromLinear(linear / 65535.0);
+  return static_cast<std::uint8_t>(std::clamp(std::lround(255 * srgb), 0L, 255L));
 }
 
 // Words of a GLB's header and of its chunks' (glTF 2.0, section 4.4).

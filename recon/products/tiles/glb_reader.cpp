@@ -111,8 +111,7 @@ void toNav(const FileSurface& file, const Eigen::Vector3d& origin, double step, 
     surface.shared.push_back(sidesOf(mesh.vertices.back(), box));
   }
   for (const Eigen::Vector3f& n : file.normals) mesh.normals.push_back(navFromGltf(n).normalized());
-  for (const auto& c : file.colours)
-    mesh.colours.push_back({srgbFromLinear(c[0]), srgbFromLinear(c[1]), srgbFromLinear(c[2])});
+  for (const auto& c : file.colours) mesh.colours.push_back({srgb8Of(c[0]), srgb8Of(c[1]), srgb8Of(c[2])});
   for (const Eigen::Vector2f& t : file.texture_coordinates)
     mesh.texture_coordinates.emplace_back(t.x(), 1.0F - t.y());
   mesh.sigma = file.sigma;

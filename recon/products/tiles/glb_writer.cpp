@@ -63,7 +63,7 @@ FileSurface toFile(const TexturedTile& tile, const Eigen::Vector3d& origin, doub
   for (const Eigen::Vector3f& n : mesh.normals) file.normals.push_back(gltfFromNav(n));
   if (tile.atlas.empty()) {
     for (const Rgb& c : mesh.colours)
-      file.colours.push_back({linearFromSrgb(c[0]), linearFromSrgb(c[1]), linearFromSrgb(c[2])});
+      file.colours.push_back({linear16Of(c[0]), linear16Of(c[1]), linear16Of(c[2])});
   } else {
     if (mesh.texture_coordinates.size() != mesh.vertices.size())
       throw std::invalid_argument("a tile with an atlas and without texture coordinates");

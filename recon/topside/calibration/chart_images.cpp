@@ -70,7 +70,7 @@ void addSamples(const ImageView& image, const std::vector<cv::Point>& quad, Ligh
         const double sample =
             (image.bits == 8 ? line[at] : reinterpret_cast<const std::uint16_t*>(line)[at]) / full;
         out.clipped = out.clipped || sample >= kClipped;
-        out.sum(c) += rgb && image.bits == 8 ? linearFromSrgb(sample) : sample;
+        out.sum(c) += rgb && image.bits == 8 ? linearFromSrgb(line[at]) : sample;
         out.count(c) += 1;
       }
     }

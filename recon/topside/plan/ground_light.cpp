@@ -20,10 +20,6 @@ constexpr double kCoupleSigma = 0.03;      // of a couple's ratio, in logarithms
 constexpr double kLeastSpread = 0.001;     // of gains
 constexpr double kFull = 255;
 
-double lightOf(std::uint8_t srgb) {
-  return fathom::linearFromSrgb(srgb / kFull);
-}
-
 // Neither dark, where noise is, nor clipped in any channel.
 bool measured(const Rgb& colour) {
   constexpr std::uint8_t kDark = 15, kBright = 250;
@@ -181,7 +177,7 @@ std::vector<SamePlace> samePlaces(const Mesh& a, const Mesh& b, const SE3& T_nav
     SamePlace place{.range = {in_a.norm(), in_b.norm()}, .depth = {in_a.z(), in_b.z()}};
     for (std::size_t c = 0; c < 3; ++c)
       place.log_ratio[static_cast<Eigen::Index>(c)] =
-          static_cast<float>(std::log(lightOf(one[c]) / lightOf(other[c])));
+          static_cast<float>(std::log(linearFromSrgb(one[c]) / linearFromSrgb(other[c])));
     places.push_back(place);
   }
   if (places.size() < kFewestPlaces) places.clear();
@@ -238,8 +234,8 @@ void relight(Mesh& mesh, double gain, const lighting::FallCorrection& fall) {
     for (std::size_t c = 0; c < 3; ++c) {
       const double over =
           gain * std::exp(static_cast<double>(fall.at(c, mesh.vertices[k].norm(), mesh.vertices[k].z())));
-      const double light = std::min(1.0, lightOf(mesh.colours[k][c]) / over);
-      mesh.colours[k][c] = static_cast<std::uint8_t>(std::lround(kFull * fathom::srgbFromLinear(light)));
+      const double light = std::min(1.0, linearFromSrgb(mesh.colours[k][c]) / over);
+      mesh.colours[k][c] = static_cast<std::uint8_t>(std::lround(kFull * srgbFromLinear(light)));
     }
 }
 

@@ -1,5 +1,6 @@
 #include "recon/topside/prepare/pair_preparer.hpp"
 
+#include <algorithm>
 #include <optional>
 #include <vector>
 
@@ -48,10 +49,14 @@ class FromImages final : public PairPreparer {
       }
       extractor_.emplace(input.rig, features);
     }
-    if (config.dense_stereo)
+    if (config.dense_stereo) {
       dense_.emplace(input.rig, config.stereo, config.dense);
-    else
-      sparse_.emplace(input.rig, config.stereo);
+    } else {
+      stereo::SparseStereoConfig sparse = config.stereo;
+      constexpr int kTimes = 2, kMost = 5000;
+      sparse.more_features = std::min(kTimes * sparse.max_features, kMost);
+      sparse_.emplace(input.rig, sparse);
+    }
   }
 
   PreparedPair process(const ImagePair& pair, const stereo::SeedPlane& plane) override {

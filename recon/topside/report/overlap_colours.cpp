@@ -112,7 +112,8 @@ Eigen::Vector3d colourAbout(const ImageView& image, const Eigen::Vector2d& pixel
     for (int x = x0 - kPlaceReach; x <= x0 + kPlaceReach; ++x) {
       if (image.format == PixelFormat::kRgb) {
         for (int c = 0; c < 3; ++c)
-          sum(c) += image.bits == 8 ? linearFromSrgb(sample(3 * x + c)) : sample(3 * x + c);
+          sum(c) +=
+              image.bits == 8 ? linearFromSrgb(line[static_cast<std::size_t>(3 * x + c)]) : sample(3 * x + c);
         count.array() += 1;
       } else {
         const int c = x % 2 + y % 2;  // red, green, green, blue
