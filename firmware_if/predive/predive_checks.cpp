@@ -318,7 +318,7 @@ void checkArming(const rt::ArmingResult& arming, PrediveReport& report) {
     else if (check.required)
       report.bad(check.name, check.missing.empty() ? check.found : check.missing, check.grant);
     else
-      report.unused(check.name, check.missing.empty() ? check.found : check.missing);
+      report.advise(check.name, check.missing, check.grant);
   }
 }
 

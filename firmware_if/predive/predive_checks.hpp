@@ -22,14 +22,14 @@ inline std::string plural(std::uint64_t count, const std::string& thing) {
   return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
 }
 
-enum class PrediveVerdict { kGood, kBad, kUnused };
+enum class PrediveVerdict { kGood, kBad, kAdvice, kUnused };
 
 // One line of the table: what was checked, what was found and, for a red one, what to do about it.
 struct PrediveRow {
   std::string name;
   PrediveVerdict verdict = PrediveVerdict::kGood;
   std::string found;
-  std::string fix;  // of a red row
+  std::string fix;  // of a red row, or of advice
 };
 
 struct PrediveReport {
@@ -48,14 +48,18 @@ struct PrediveReport {
       if (there) return bad(name, found, fix);
     good(name, found);
   }
+  // The vehicle can dive as it is, and would be better off with the fix.
+  void advise(std::string name, std::string found, std::string fix) {
+    rows.push_back({std::move(name), PrediveVerdict::kAdvice, std::move(found), std::move(fix)});
+  }
   void unused(std::string name, std::string found) {
     rows.push_back({std::move(name), PrediveVerdict::kUnused, std::move(found), ""});
   }
 };
 
-// A line a row, a second one with the fix below a red row, a summary; with colours for a terminal.
+// A line a row, a second one with the fix below a red row or a note, a summary; with colours for a terminal.
 [[nodiscard]] std::string reportTable(const PrediveReport& report, bool colours);
-// {"good": false, "rows": [{"name", "verdict": "good"|"bad"|"unused", "found", "fix"}]}
+// {"good": false, "rows": [{"name", "verdict": "good"|"bad"|"advice"|"unused", "found", "fix"}]}
 [[nodiscard]] std::string reportJson(const PrediveReport& report);
 
 // Table `[predive]` of onboard.toml: limits of a good state before the launch.
@@ -76,7 +80,7 @@ struct PrediveConfig {
 };
 void visitPredive(KeyVisitor& keys, PrediveConfig& config);
 
-// Each check adds green, red or unused rows for what was read and measured; pure functions.
+// Each check adds green or red rows, notes or unused ones for what was read and measured; pure functions.
 
 // Sensors' places on the vehicle and the stereo rig, as mission.toml and stereo.calib have them.
 void checkExtrinsics(const MissionConfig& mission, const StereoRig& rig, const PrediveConfig& limits,

@@ -27,10 +27,27 @@ const char* word(PrediveVerdict verdict) {
       return "good";
     case PrediveVerdict::kBad:
       return "bad";
+    case PrediveVerdict::kAdvice:
+      return "advice";
     case PrediveVerdict::kUnused:
       break;
   }
   return "unused";
+}
+
+// Of a row in a terminal: the colour's escape, and the word before it.
+std::pair<const char*, const char*> lookOf(PrediveVerdict verdict) {
+  switch (verdict) {
+    case PrediveVerdict::kGood:
+      return {"\033[32m", "green"};
+    case PrediveVerdict::kBad:
+      return {"\033[1;31m", "RED  "};
+    case PrediveVerdict::kAdvice:
+      return {"\033[33m", "note "};
+    case PrediveVerdict::kUnused:
+      break;
+  }
+  return {"\033[90m", "-    "};
 }
 
 // The tables of onboard.toml that are about devices and the machine; the map's are fathom-onboard's own.
@@ -177,12 +194,7 @@ std::string reportTable(const PrediveReport& report, bool colours) {
   for (const PrediveRow& row : report.rows) width = std::max(width, row.name.size());
   std::string out;
   for (const PrediveRow& row : report.rows) {
-    const char* colour = row.verdict == PrediveVerdict::kGood  ? "\033[32m"
-                         : row.verdict == PrediveVerdict::kBad ? "\033[1;31m"
-                                                               : "\033[90m";
-    const char* label = row.verdict == PrediveVerdict::kGood  ? "green"
-                        : row.verdict == PrediveVerdict::kBad ? "RED  "
-                                                              : "-    ";
+    const auto [colour, label] = lookOf(row.verdict);
     bad += row.verdict == PrediveVerdict::kBad ? 1 : 0;
     out += (colours ? colour : "") + std::string(label) + (colours ? "\033[0m" : "") + "  " + row.name +
            std::string(width - row.name.size(), ' ') + "  " + row.found + "\n";

@@ -332,19 +332,23 @@ TEST(Predive, TheTableNamesTheFixAndColoursOnlyATerminal) {
   report.good("DVL", "7 Hz");
   report.bad("focus left", "9 px", "turn the lens");
   report.unused("GPS", "not used");
+  report.advise("kernel", "not PREEMPT_RT", "install one");
   const std::string plain = reportTable(report, false), coloured = reportTable(report, true);
   EXPECT_EQ(plain,
             "green  DVL         7 Hz\n"
             "RED    focus left  9 px\n"
             "                   -> turn the lens\n"
             "-      GPS         not used\n"
+            "note   kernel      not PREEMPT_RT\n"
+            "                   -> install one\n"
             "1 thing is wrong: do not dive.\n");
   EXPECT_THAT(coloured, ::testing::HasSubstr("\033[1;31mRED  \033[0m  focus left"));
   const auto json = nlohmann::json::parse(reportJson(report));
   EXPECT_EQ(json["good"], false);
-  ASSERT_EQ(json["rows"].size(), 3u);
+  ASSERT_EQ(json["rows"].size(), 4u);
   EXPECT_EQ(json["rows"][1]["fix"], "turn the lens");
   EXPECT_EQ(json["rows"][2]["verdict"], "unused");
+  EXPECT_EQ(json["rows"][3]["verdict"], "advice");
 }
 
 TEST(PrediveConfig, KeysAreBounded) {

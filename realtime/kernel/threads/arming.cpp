@@ -17,19 +17,13 @@
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "realtime/kernel/memory/memory_budget.hpp"
+#include "realtime/kernel/threads/machine_checks.hpp"
 
 namespace fathom::rt {
 namespace {
 
 std::string mibText(std::size_t bytes) {
   return formatted("%.1f MiB", mebibytes(bytes));
-}
-
-std::string firstLine(const char* path) {
-  std::ifstream file(path);
-  std::string line;
-  std::getline(file, line);
-  return line;
 }
 
 std::string limitText(rlim_t limit) {
@@ -163,24 +157,6 @@ ArmingCheck checkResident(const MemoryBudget& budget) {
                  "raise budget_mib, or make pools or heap_mib smaller (--print-budget lists them)");
 }
 
-ArmingCheck note(std::string name, std::string found) {
-  ArmingCheck check = checked(true, std::move(name), std::move(found), "", "");
-  check.required = false;
-  return check;
-}
-
-void addNotes(std::vector<ArmingCheck>& checks) {
-  const std::string runtime = firstLine("/proc/sys/kernel/sched_rt_runtime_us");
-  const std::string period = firstLine("/proc/sys/kernel/sched_rt_period_us");
-  if (!runtime.empty())
-    checks.push_back(note("real-time throttling",
-                          runtime == "-1" ? "off" : runtime + " of " + period + " us for real-time threads"));
-  const std::string source = firstLine("/sys/devices/system/clocksource/clocksource0/current_clocksource");
-  if (!source.empty()) checks.push_back(note("clock source", source));
-  checks.push_back(
-      note("kernel", firstLine("/sys/kernel/realtime") == "1" ? "PREEMPT_RT" : "not PREEMPT_RT"));
-}
-
 }  // namespace
 
 bool ArmingResult::complete() const noexcept {
@@ -207,7 +183,10 @@ std::string ArmingResult::message() const {
 std::string ArmingResult::table() const {
   std::string text;
   for (const ArmingCheck& check : checks)
-    text += formatted("%-8s %-24s %s\n", check.ok ? (check.required ? "ok" : "note") : "MISSING",
+    text += formatted("%-8s %-24s %s\n",
+                      !check.required ? "note"
+                      : check.ok      ? "ok"
+                                      : "MISSING",
                       check.name.c_str(), (check.ok ? check.found : check.missing).c_str());
   return text;
 }
@@ -217,7 +196,7 @@ ArmingResult checkArming(const RealtimeConfig& realtime, const MemoryBudget& bud
   result.soft = realtime.soft;
   result.checks = {checkPriority(realtime), checkCpus(realtime), checkBudget(budget),
                    checkAvailable(budget, exactResidentBytes()), checkLockLimit(budget)};
-  addNotes(result.checks);
+  for (ArmingCheck& check : checkMachine(realtime)) result.checks.push_back(std::move(check));
   return result;
 }
 
