@@ -26,7 +26,7 @@ constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both c
 
 // Of any look.
 int mostFeatures(const SparseStereoConfig& c) {
-  return std::max(c.max_features, c.more_features);
+  return c.look_again ? std::min(2 * c.max_features, kMaxFeatures) : c.max_features;
 }
 
 // Of the window's middle, which must converge to the same position.
@@ -47,7 +47,6 @@ void validate(const StereoRig& rig, const SparseStereoConfig& c) {
   }
   requireSparse(rig.baseline() > 0, "the rig has no baseline");
   requireSparse(c.max_features >= 1 && c.max_features <= kMaxFeatures, "max_features must be 1 to 5000");
-  requireSparse(c.more_features <= kMaxFeatures, "more_features must be at most 5000");
   requireSparse(
       c.window >= PatchTracker::kMinWindow && c.window <= PatchTracker::kMaxWindow && c.window % 2 == 1,
       "window must be odd, 7 to 31 px");
@@ -309,8 +308,8 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
     m.process(look, left.mask, corners, m.further);
     if (m.further.points.size() > m.result.points.size()) std::swap(m.result, m.further);
   };
-  if (!fewer(kFewPoints) && fewer(kHalfOfPoints) && m.config.more_features > quota)
-    lookAgain(m.lookAt(0, m.about_altitude, plane), m.config.more_features);
+  if (m.config.look_again && mostFeatures(m.config) > quota && !fewer(kFewPoints) && fewer(kHalfOfPoints))
+    lookAgain(m.lookAt(0, m.about_altitude, plane), mostFeatures(m.config));
   for (int level = 1; fewer(kFewPoints) && level < m.left_pyramid.levels(); ++level)
     lookAgain(m.lookAt(level, m.anywhere, m.wide.plane), quota);
   return m.result;

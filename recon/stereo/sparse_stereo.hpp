@@ -18,9 +18,7 @@ namespace fathom::stereo {
 struct Kernels;
 
 struct SparseStereoConfig {
-  int max_features = 800;  // wanted Harris corners, spread over the image (up to 5000)
-  // Corners of a second look at a pair that gives fewer than half of the wanted points (up to 5000); 0: none.
-  int more_features = 0;
+  int max_features = 800;                // wanted Harris corners, spread over the image (up to 5000)
   int window = 15;                       // Lucas-Kanade window edge [px], odd
   double max_epipolar_distance = 1.0;    // [px]
   double max_left_right_distance = 0.5;  // left-right check [px]
@@ -35,6 +33,7 @@ struct SparseStereoConfig {
   double max_slope = 1.396;      // between a triangle's normal and the line of sight [rad]: 80 deg; a steeper
                                  // triangle spans a gap between surfaces
   int min_patch_points = 6;      // smaller isolated groups of points are dropped
+  bool look_again = false;       // with twice the corners, at a pair that gives fewer than half of the points
   double max_fish_length = 0.6;  // longest object in mid-water that is dropped as a fish [m]; 0: none
 };
 
@@ -82,11 +81,11 @@ struct StereoResult {
 //    (MidpointTriangulation), inflated by the frame's epipolar residuals (MatchNoise). For parallel
 //    cameras sigma_z = z^2 sigma_d / (f b), with the sigma_d of that match.
 // 5. Mismatches and fish are dropped (DepthConsistency), the rest is triangulated in the image (LocalMesh).
-// A pair that gives less than half of the wanted points is looked at again with more_features corners: where
-// contrast is low most corners match no other, and those next in strength are as good. A pair that gives less
-// than a quarter of the wanted points is looked at again at half and then at a quarter
+// A pair that gives less than a quarter of the wanted points is looked at again at half and then at a quarter
 // of its size, between all configured ranges: the ground is blurred, fainter than the noise of single pixels,
-// or not where the altitude says. The look with most points counts.
+// or not where the altitude says. With look_again, one that gives less than half of them is looked at again
+// with twice the corners: where contrast is low most match no other, and those next in strength are as good.
+// The look with most points counts.
 //
 // Work. The images cost the same in every frame: pyramids and corners, some 3 ms for a full-size pair. A
 // feature costs at most, in each direction, search_radius / 2 + 1 window correlations and 22 Lucas-Kanade

@@ -64,27 +64,42 @@ TEST(MachineChecks, AMachineInOrderMeetsAll) {
 }
 
 TEST(MachineChecks, EachSettingThatIsWrongIsNamedWithWhatToSet) {
-  const auto kernel = checksOf(kWellSetUp, "sys/kernel/realtime", "0");
-  EXPECT_THAT(unmet(kernel), ElementsAre("kernel"));
-  EXPECT_THAT(named(kernel, "kernel").grant, HasSubstr("linux-image-rt-arm64"));
-
-  const auto clock =
-      checksOf(kWellSetUp, "sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet");
-  EXPECT_THAT(unmet(clock), ElementsAre("clock source"));
-
-  const auto shared = checksOf(kWellSetUp, "sys/devices/system/cpu/isolated", "1-2", {2, 3});
-  EXPECT_THAT(unmet(shared), ElementsAre("isolated CPUs", "interrupts"));
-  EXPECT_THAT(named(shared, "isolated CPUs").missing, HasSubstr("CPU 3 of hard_cpus"));
-  EXPECT_THAT(named(shared, "isolated CPUs").grant, HasSubstr("isolcpus=managed_irq,domain,2,3"));
-
-  const auto interrupts = checksOf(kWellSetUp, "proc/irq/24/effective_affinity_list", "2-3");
-  EXPECT_THAT(unmet(interrupts), ElementsAre("interrupts"));
-  EXPECT_THAT(named(interrupts, "interrupts").missing, HasSubstr("1 of 2 on hard_cpus (24)"));
-
-  const auto governor =
-      checksOf(kWellSetUp, "sys/devices/system/cpu/cpu3/cpufreq/scaling_governor", "schedutil");
-  EXPECT_THAT(unmet(governor), ElementsAre("frequency governors"));
-  EXPECT_THAT(named(governor, "frequency governors").missing, HasSubstr("schedutil on CPU 3"));
+  struct Wrong {
+    const char *path, *content;
+    std::vector<std::string> names;  // the first is looked at
+    const char *missing, *grant;
+    std::vector<int> hard_cpus = {3};
+  };
+  const std::vector<Wrong> settings = {
+      {"sys/kernel/realtime", "0", {"kernel"}, "not PREEMPT_RT", "linux-image-rt-arm64"},
+      {"sys/devices/system/clocksource/clocksource0/current_clocksource",
+       "hpet",
+       {"clock source"},
+       "hpet",
+       "clocksource="},
+      {"sys/devices/system/cpu/isolated",
+       "1-2",
+       {"isolated CPUs", "interrupts"},
+       "CPU 3 of hard_cpus",
+       "isolcpus=managed_irq,domain,2,3",
+       {2, 3}},
+      {"proc/irq/24/effective_affinity_list",
+       "2-3",
+       {"interrupts"},
+       "1 of 2 on hard_cpus (24)",
+       "IRQBALANCE_BANNED_CPULIST=3"},
+      {"sys/devices/system/cpu/cpu3/cpufreq/scaling_governor",
+       "schedutil",
+       {"frequency governors"},
+       "schedutil on CPU 3",
+       "performance"},
+  };
+  for (const Wrong& wrong : settings) {
+    const auto checks = checksOf(kWellSetUp, wrong.path, wrong.content, wrong.hard_cpus);
+    EXPECT_EQ(unmet(checks), wrong.names) << wrong.path;
+    EXPECT_THAT(named(checks, wrong.names.front()).missing, HasSubstr(wrong.missing));
+    EXPECT_THAT(named(checks, wrong.names.front()).grant, HasSubstr(wrong.grant));
+  }
 }
 
 TEST(MachineChecks, WithoutCpusOfItsOwnTheHardTierIsAdvisedToHaveOne) {

@@ -137,7 +137,7 @@ TEST(SparseStereo, PairOfLowContrastIsLookedAtAgainWithMoreCorners) {
   SparseStereoConfig config;
   const StereoResult once = SparseStereo(scene.rig(), config).process(left.view(), right.view(), {});
   EXPECT_LT(once.points.size(), 0.5 * config.max_features);
-  config.more_features = 2 * config.max_features;
+  config.look_again = true;
   const StereoResult again = SparseStereo(scene.rig(), config).process(left.view(), right.view(), {});
   EXPECT_GE(again.points.size(), 1.5 * static_cast<double>(once.points.size()));
   const Errors before = compare(scene, once), after = compare(scene, again);

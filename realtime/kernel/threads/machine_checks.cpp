@@ -104,6 +104,7 @@ ArmingCheck checkIsolation(const RealtimeConfig& config, const Path& root) {
 ArmingCheck checkInterrupts(const RealtimeConfig& config, const Path& root) {
   const std::string name = "interrupts";
   if (config.hard_cpus.empty()) return met(name, "on any CPU, as the hard tier");
+  constexpr std::size_t kNamed = 8;
   std::size_t all = 0, here = 0;
   std::string numbers;
   std::error_code none;
@@ -117,12 +118,11 @@ ArmingCheck checkInterrupts(const RealtimeConfig& config, const Path& root) {
     if (std::none_of(config.hard_cpus.begin(), config.hard_cpus.end(),
                      [&](int cpu) { return cpus.count(cpu) != 0; }))
       continue;
-    constexpr std::size_t kNamed = 8;
     if (here++ < kNamed) numbers += (numbers.empty() ? "" : ", ") + entry.path().filename().string();
   }
   const std::string found = std::to_string(here) + " of " + std::to_string(all) + " on hard_cpus";
   if (here == 0) return met(name, found);
-  return wanting(name, found + " (" + numbers + (here > 8 ? ", ..." : "") + ")",
+  return wanting(name, found + " (" + numbers + (here > kNamed ? ", ..." : "") + ")",
                  "irqaffinity= with the other CPUs on the kernel's command line, or their numbers into "
                  "/proc/irq/N/smp_affinity_list; IRQBALANCE_BANNED_CPULIST=" +
                      listOf(config.hard_cpus) + " where irqbalance runs");
@@ -131,7 +131,7 @@ ArmingCheck checkInterrupts(const RealtimeConfig& config, const Path& root) {
 ArmingCheck checkGovernors(const Path& root) {
   const std::string name = "frequency governors";
   std::set<std::string> others;
-  std::string cpus;
+  std::vector<int> cpus;
   bool any = false;
   for (const int cpu : cpusOf(firstLine(root / "sys/devices/system/cpu/online"))) {
     const std::string number = std::to_string(cpu);
@@ -140,13 +140,13 @@ ArmingCheck checkGovernors(const Path& root) {
     any = any || !governor.empty();
     if (governor.empty() || governor == "performance") continue;
     others.insert(governor);
-    cpus += (cpus.empty() ? "" : ",") + number;
+    cpus.push_back(cpu);
   }
   if (!any) return met(name, "none: the frequency is not this kernel's to change");
   if (others.empty()) return met(name, "performance");
   std::string kinds;
   for (const std::string& kind : others) kinds += (kinds.empty() ? "" : ", ") + kind;
-  return wanting(name, kinds + " on CPU " + cpus + ": a CPU is slow when it wakes",
+  return wanting(name, kinds + " on CPU " + listOf(cpus) + ": a CPU is slow when it wakes",
                  "cpupower frequency-set --governor performance, or cpufreq.default_governor=performance on "
                  "the kernel's command line");
 }

@@ -114,8 +114,8 @@ void addNavigationSettings(Hasher& hasher, const TopsideConfig& config) {
 
 void addStereoSettings(Hasher& hasher, const TopsideConfig& config) {
   const stereo::SparseStereoConfig& c = config.stereo;
-  static_assert(sizeof c == 112);
-  hasher.add(c.max_features, c.more_features, c.window, c.max_epipolar_distance, c.max_left_right_distance,
+  static_assert(sizeof c == 104);
+  hasher.add(c.max_features, c.window, c.max_epipolar_distance, c.max_left_right_distance,
              c.max_core_distance, c.sigma_scale, c.max_edge, c.min_range, c.max_range, c.search_radius,
              c.min_correlation, c.max_slope, c.min_patch_points, c.max_fish_length);
   hasher.add(config.dense_stereo, config.dense.scale, config.dense.block, config.mend_rig, config.min_points);

@@ -1,6 +1,5 @@
 #include "recon/topside/prepare/pair_preparer.hpp"
 
-#include <algorithm>
 #include <optional>
 #include <vector>
 
@@ -53,8 +52,7 @@ class FromImages final : public PairPreparer {
       dense_.emplace(input.rig, config.stereo, config.dense);
     } else {
       stereo::SparseStereoConfig sparse = config.stereo;
-      constexpr int kTimes = 2, kMost = 5000;
-      sparse.more_features = std::min(kTimes * sparse.max_features, kMost);
+      sparse.look_again = true;
       sparse_.emplace(input.rig, sparse);
     }
   }
