@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <variant>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 
@@ -49,7 +50,7 @@ double metresFromOrigin(const MissionConfig& mission, double latitude, double lo
   const double north = latitude - mission.origin.latitude;
   const double east = std::remainder(longitude - mission.origin.longitude, 2 * std::numbers::pi) *
                       std::cos(mission.origin.latitude);
-  return kEarthRadius * std::hypot(north, east);
+  return kEarthRadius * hypotenuse(north, east);
 }
 
 std::string rateText(const SampleFacts& facts, double wanted_hz) {

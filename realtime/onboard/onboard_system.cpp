@@ -5,6 +5,7 @@
 #include <numeric>
 #include <type_traits>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::onboard {
@@ -281,7 +282,7 @@ telemetry::Status OnboardSystem::status(std::int64_t now_ns) const {
   status.speed = odometry.velocityBody().norm();
   if (map_.anchored()) {
     // Before the first keyframe, and without localisation, all of the path counts.
-    status.position_sigma = std::hypot(map_.anchorSigma(), config_.drift_share * distance_);
+    status.position_sigma = hypotenuse(map_.anchorSigma(), config_.drift_share * distance_);
     if (T_odom_body)
       status.position_sigma =
           map_.positionSigma(status.utc_ns, *T_odom_body, odometry.qualityAt(status.utc_ns))

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::calibration {
 
 Eigen::Vector3d retriangulated(const StereoRig& from, const StereoRig& to, const Eigen::Vector3d& point) {
@@ -55,7 +57,7 @@ RigHistory::RigHistory(const StereoRig& rig) : calibrated_(rig) {
 
 double RigHistory::worth() const {
   constexpr double kDoubles = 8;  // versions
-  return std::exp2(newest() / kDoubles);
+  return powerOfTwo(newest() / kDoubles);
 }
 
 int RigHistory::best(int version) const {

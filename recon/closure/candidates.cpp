@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "realtime/base/bytes/state_archive.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
 namespace fathom::closure {
@@ -21,10 +22,6 @@ constexpr double kWeights[8] = {0.1894506104550685, 0.1826034150449236, 0.169156
                                 0.1495959888165767, 0.1246289712555339, 0.0951585116824928,
                                 0.0622535239386479, 0.0271524594117541};
 
-double normalCdf(double x) {
-  return 0.5 * std::erfc(-x / std::sqrt(2.0));
-}
-
 bool less(const Candidate& a, const Candidate& b) {
   return std::make_tuple(a.value(), a.newer, a.older) < std::make_tuple(b.value(), b.newer, b.older);
 }
@@ -36,7 +33,7 @@ constexpr double kMaxSigmaOfStretch_m = 0.1;  // between two middles; above, sin
 // Largest standard deviation of a separation, along any direction [m].
 double widestSigma(const Eigen::Matrix2d& covariance) {
   const double mean = 0.5 * covariance.trace();
-  const double apart = std::hypot(0.5 * (covariance(0, 0) - covariance(1, 1)), covariance(0, 1));
+  const double apart = hypotenuse(0.5 * (covariance(0, 0) - covariance(1, 1)), covariance(0, 1));
   return std::sqrt(std::max(mean + apart, 0.0));
 }
 
@@ -80,7 +77,7 @@ double overlapProbability(const Eigen::Vector2d& mean, const Eigen::Matrix2d& co
   const auto density = [&](double x) {
     const double half = std::sqrt(std::max(reach * reach - x * x, 0.0)), u = (x - m.y()) / sx;
     return std::exp(-0.5 * u * u) / (sx * std::sqrt(2 * kPi)) *
-           (normalCdf((half - m.x()) / sy) - normalCdf((-half - m.x()) / sy));
+           (shareBelow((half - m.x()) / sy) - shareBelow((-half - m.x()) / sy));
   };
   double sum = 0;
   const double width = (to - from) / kPanels;

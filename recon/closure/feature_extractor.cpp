@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
-#include <tuple>
+
+#include "recon/closure/scale_space.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -46,26 +47,19 @@ bool fits(const ImageView& image, const Camera& camera) {
          image.stride >= static_cast<std::size_t>(image.width);
 }
 
-// The centre of a key point, pixel (0, 0) being the centre of the top left one. OpenCV 4.6 shifts key points
-// of SIFT by leaving the half pixel out when it doubles the image (corrected in 4.8, "precise upscale").
-Eigen::Vector2d placeOf(const cv::KeyPoint& p) {
-  constexpr double kSiftShift = -0.25;  // [px]
-  return {static_cast<double>(p.pt.x) + kSiftShift, static_cast<double>(p.pt.y) + kSiftShift};
+Eigen::Vector2d placeOf(const KeyPoint& p) {
+  return Eigen::Vector2f(p.x, p.y).cast<double>();
 }
 
-// The strongest, an equal share of every cell of the image first. Keeps the order by strength, ties by place.
-void thin(std::vector<cv::KeyPoint>& points, const cv::Size& size, std::size_t wanted) {
-  const auto key = [](const cv::KeyPoint& p) {
-    return std::make_tuple(-p.response, p.pt.y, p.pt.x, p.size, p.angle);
-  };
-  std::sort(points.begin(), points.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
+// Of points by strength the strongest, an equal share of every cell of the image first.
+void thin(std::vector<KeyPoint>& points, const cv::Size& size, std::size_t wanted) {
   if (points.size() <= wanted) return;
   const std::size_t share = wanted / (kCellsAcross * kCellsDown);
   std::array<std::size_t, kCellsAcross * kCellsDown> taken{};
-  std::vector<cv::KeyPoint> kept, rest;
-  for (const cv::KeyPoint& p : points) {
-    const int i = std::clamp(static_cast<int>(p.pt.x) * kCellsAcross / size.width, 0, kCellsAcross - 1);
-    const int j = std::clamp(static_cast<int>(p.pt.y) * kCellsDown / size.height, 0, kCellsDown - 1);
+  std::vector<KeyPoint> kept, rest;
+  for (const KeyPoint& p : points) {
+    const int i = std::clamp(static_cast<int>(p.x) * kCellsAcross / size.width, 0, kCellsAcross - 1);
+    const int j = std::clamp(static_cast<int>(p.y) * kCellsDown / size.height, 0, kCellsDown - 1);
     std::size_t& count = taken[static_cast<std::size_t>(j * kCellsAcross + i)];
     (count++ < share ? kept : rest).push_back(p);
   }
@@ -74,13 +68,13 @@ void thin(std::vector<cv::KeyPoint>& points, const cv::Size& size, std::size_t w
 }
 
 // Square roots of the histogram divided by its sum, in steps of 1/512: a whole descriptor has the norm 512.
-void rootSift(const float* histogram, std::uint8_t* out) {
+void rootSift(std::span<const float, ScaleSpace::kDescriptor> histogram, std::uint8_t* out) {
   constexpr double kNorm = 512, kTop = 255;
   double sum = 0;
-  for (int k = 0; k < 128; ++k) sum += static_cast<double>(histogram[k]);
-  for (int k = 0; k < 128; ++k) {
-    const double root = sum > 0 ? kNorm * std::sqrt(static_cast<double>(histogram[k]) / sum) : 0.0;
-    out[k] = static_cast<std::uint8_t>(std::lround(std::min(root, kTop)));
+  for (const float v : histogram) sum += static_cast<double>(v);
+  for (const float v : histogram) {
+    const double root = sum > 0 ? kNorm * std::sqrt(static_cast<double>(v) / sum) : 0.0;
+    *out++ = static_cast<std::uint8_t>(std::lround(std::min(root, kTop)));
   }
 }
 
@@ -191,13 +185,13 @@ struct FeatureExtractor::Impl {
   FeatureConfig config;
   StereoMatcher matcher;
   // The threshold is low, so that poor images give features too; thinning keeps the strongest.
-  static constexpr double kContrast = 0.02;  // of values 0 to 1
-  cv::Ptr<cv::Feature2D> detector = cv::SIFT::create(0, 3, kContrast);
+  static constexpr double kContrast = 0.02;
+  ScaleSpace scale_space{kContrast};
   int shrink = 1;
-  std::vector<cv::KeyPoint> points, matched;  // found by the detector; found in the right image too
-  std::vector<Feature> places;                // of `matched`
+  std::vector<KeyPoint> points, matched;  // found by the detector; found in the right image too
+  std::vector<Feature> places;            // of `matched`
   std::optional<FromAbove> from_above;
-  cv::Mat small, above, descriptors, around, smooth_left, smooth_right;
+  cv::Mat small, above, around, smooth_left, smooth_right;
   FrameFeatures result, sharp;  // sharp: of images as they came, where these gave few
   std::function<void(const char* stage)> observer;
 };
@@ -253,9 +247,9 @@ void FeatureExtractor::Impl::find(const ImageView& left, const ImageView& right,
   }
   const cv::Mat& view = from_above ? above : small;
   const auto wanted = static_cast<std::size_t>(config.max_features);
-  detector->detect(view, points);
+  points = scale_space.detect({view.data, view.cols, view.rows, view.step});
   if (left.mask != nullptr)
-    std::erase_if(points, [&](const cv::KeyPoint& p) {
+    std::erase_if(points, [&](const KeyPoint& p) {
       const double radius = 0.5 * shrink * static_cast<double>(p.size);
       return left.mask->hides(pixelOf(placeOf(p)), radius);
     });
@@ -266,7 +260,7 @@ void FeatureExtractor::Impl::find(const ImageView& left, const ImageView& right,
   matched.clear();
   places.clear();
   const int reach = config.stereo.refine_window / 2;
-  for (const cv::KeyPoint& p : points) {
+  for (const KeyPoint& p : points) {
     if (matched.size() == wanted) break;
     const Eigen::Vector2d pixel = pixelOf(placeOf(p));
     StereoMatch found;
@@ -276,16 +270,15 @@ void FeatureExtractor::Impl::find(const ImageView& left, const ImageView& right,
     const double sigma = shrink * (config.place_sigma + config.place_sigma_per_size * size);
     if (!addFeature(matcher, pixel, found, sigma, static_cast<float>(shrink * size), places)) continue;
     matched.push_back(p);
-    matched.back().class_id = static_cast<int>(matched.size()) - 1;
   }
   ended("stereo");
 
-  if (!matched.empty()) detector->compute(view, matched, descriptors);
-  // The detector may change the order of key points, or drop some; class_id keeps their numbers.
+  result.features = places;
   result.descriptors.resize(matched.size() * kDescriptorBytes);
+  std::array<float, ScaleSpace::kDescriptor> histogram{};
   for (std::size_t i = 0; i < matched.size(); ++i) {
-    result.features.push_back(places[static_cast<std::size_t>(matched[i].class_id)]);
-    rootSift(descriptors.ptr<float>(static_cast<int>(i)), result.descriptors.data() + i * kDescriptorBytes);
+    scale_space.describe(matched[i], histogram);
+    rootSift(histogram, result.descriptors.data() + i * kDescriptorBytes);
   }
   ended("describe");
 }

@@ -21,7 +21,7 @@ struct FeatureConfig {
   StereoMatchConfig stereo;
 };
 
-// Root-SIFT features of stereo frames (Arandjelovic 2012): detected and thinned in the left image by OpenCV,
+// Root-SIFT features of stereo frames (Arandjelovic 2012): detected and thinned in the left image,
 // found in the right one by StereoMatcher, and then described. Describing the right image too would cost as
 // much again and lose the features that the detector finds in one image only.
 class FeatureExtractor {

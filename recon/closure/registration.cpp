@@ -8,6 +8,7 @@
 #include <string>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 
 namespace fathom::closure {
 namespace {
@@ -17,7 +18,7 @@ constexpr int kCountedCell = 3;  // least features of the overlap in a cell that
 using Cells = std::array<int, kCellsAcross * kCellsDown>;
 
 double logChoose(double n, double k) {
-  return std::lgamma(n + 1) - std::lgamma(k + 1) - std::lgamma(n - k + 1);
+  return logFactorial(n) - logFactorial(k) - logFactorial(n - k);
 }
 
 // Whether both cameras of a frame see a point of its left camera frame.

@@ -14,6 +14,7 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/compare/surface_file.hpp"
@@ -28,7 +29,7 @@ double slopeDegrees(const HeightMap& map, double east, double north) {
   const double c = map.cell;
   const double de = (map.at(east + c, north) - map.at(east - c, north)) / (2 * c);
   const double dn = (map.at(east, north + c) - map.at(east, north - c)) / (2 * c);
-  return radiansToDegrees(std::atan(std::hypot(de, dn)));
+  return radiansToDegrees(std::atan(hypotenuse(de, dn)));
 }
 
 struct Compared {

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <tuple>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::fusion {
 namespace {
 
@@ -105,7 +107,7 @@ bool MeshObservations::observe(const Mesh& mesh, const std::array<std::uint32_t,
       seen.place = placeOf(level, i, j);
       seen.height = heightUnits(depth);
       seen.weight = static_cast<std::uint16_t>(
-          weightOf(std::hypot(std::max(sigma, config_.min_sigma), interpolation), config_.min_sigma));
+          weightOf(hypotenuse(std::max(sigma, config_.min_sigma), interpolation), config_.min_sigma));
       for (std::size_t c = 0; c < 3; ++c)
         seen.colour[c] = static_cast<std::uint8_t>(std::clamp(colour[c] + 0.5, 0.0, 255.0));
       found_.push_back(seen);

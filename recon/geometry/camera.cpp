@@ -9,6 +9,7 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/files/input_file.hpp"
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/geometry/stereo_rig.hpp"
 
 namespace fathom {
@@ -121,7 +122,7 @@ Eigen::Vector2d FlatPort::project(const Eigen::Vector3d& point) const {
   if (!(water > 0) || r <= kOnAxis * along) return air.project(point);
   // Newton's iteration on the sine in air at which the light reaches the distance r from the axis: the
   // function is convex and rising and the start is beyond the root, so that the sine only falls.
-  double sine = std::min(kGrazing, water_index * r / std::hypot(r, along));
+  double sine = std::min(kGrazing, water_index * r / hypotenuse(r, along));
   constexpr int kMaxIterations = 20;
   constexpr double kEnough = 1e-14;
   for (int i = 0; i < kMaxIterations; ++i) {

@@ -9,6 +9,7 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/files/input_file.hpp"
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom {
@@ -45,7 +46,7 @@ Eigen::Vector3d labOf(const Eigen::Vector3d& linear) {
   const Eigen::Vector3d t = (xyz_from_rgb * linear).cwiseQuotient(white);
   constexpr double kKnee = 6.0 / 29;
   const auto f = [](double v) {
-    return v > kKnee * kKnee * kKnee ? std::cbrt(v) : v / (3 * kKnee * kKnee) + 4.0 / 29;
+    return v > kKnee * kKnee * kKnee ? std::pow(v, 1.0 / 3) : v / (3 * kKnee * kKnee) + 4.0 / 29;
   };
   const double x = f(t.x()), y = f(t.y()), z = f(t.z());
   return {116 * y - 16, 500 * (x - y), 200 * (y - z)};
@@ -58,10 +59,10 @@ double ciede2000(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
     const double c7 = std::pow(chroma, 7);
     return std::sqrt(c7 / (c7 + k25To7));
   };
-  const double mean_c = 0.5 * (std::hypot(a.y(), a.z()) + std::hypot(b.y(), b.z()));
+  const double mean_c = 0.5 * (hypotenuse(a.y(), a.z()) + hypotenuse(b.y(), b.z()));
   const double g = 0.5 * (1 - squashed(mean_c));
   const double a1 = (1 + g) * a.y(), a2 = (1 + g) * b.y();
-  const double c1 = std::hypot(a1, a.z()), c2 = std::hypot(a2, b.z());
+  const double c1 = hypotenuse(a1, a.z()), c2 = hypotenuse(a2, b.z());
   const auto hueOf = [](double x, double y) {
     const double h = x == 0 && y == 0 ? 0 : std::atan2(y, x);
     return h < 0 ? h + kTurn : h;

@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 
@@ -44,7 +45,7 @@ double conformalTangent(double tau) {
 std::complex<double> forward(double latitude, double longitude) {
   const double tau = conformalTangent(std::tan(latitude));
   const std::complex<double> zeta(std::atan2(tau, std::cos(longitude)),
-                                  std::asinh(std::sin(longitude) / std::hypot(tau, std::cos(longitude))));
+                                  std::asinh(std::sin(longitude) / hypotenuse(tau, std::cos(longitude))));
   std::complex<double> sum = zeta;
   for (int j = 0; j < 4; ++j) sum += kAlpha[j] * std::sin(2.0 * (j + 1) * zeta);
   return sum;
@@ -93,7 +94,7 @@ Geodetic LocalTransverseMercator::toGeodetic(const Eigen::Vector2d& north_east) 
   std::complex<double> z = zeta;
   for (int j = 0; j < 4; ++j) z -= kBeta[j] * std::sin(2.0 * (j + 1) * zeta);
   const double sinh_eta = std::sinh(z.imag());
-  const double tau_conformal = std::sin(z.real()) / std::hypot(sinh_eta, std::cos(z.real()));
+  const double tau_conformal = std::sin(z.real()) / hypotenuse(sinh_eta, std::cos(z.real()));
   // Newton iteration of Karney eq. 19-21.
   const double e2 = kFlattening * (2.0 - kFlattening);
   double tau = tau_conformal;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom {
 namespace {
 
@@ -30,7 +32,7 @@ SE3 SE3::fromEuler(double roll, double pitch, double yaw, const Eigen::Vector3d&
 
 Eigen::Vector3d SE3::euler() const {
   const Eigen::Matrix3d r = matrix3();
-  const double cos_pitch = std::hypot(r(0, 0), r(1, 0));
+  const double cos_pitch = hypotenuse(r(0, 0), r(1, 0));
   const double pitch = std::atan2(-r(2, 0), cos_pitch);
   // At a pitch of a quarter turn only yaw minus (plus) roll is known: all of it is given to yaw.
   constexpr double kSingular = 1e-9;

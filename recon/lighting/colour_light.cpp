@@ -115,8 +115,8 @@ void correctRow(const RowPlan& plan, const T* in, const Correction* even, const 
       cv::v_expand(load(in + x), low, high);
       const cv::v_float32x4 v0 = cv::v_cvt_f32(cv::v_reinterpret_as_s32(low));
       const cv::v_float32x4 v1 = cv::v_cvt_f32(cv::v_reinterpret_as_s32(high));
-      const cv::v_int32x4 r0 = cv::v_round(encoded<kEncoding>(cv::v_muladd(v0, gain0, offset0)));
-      const cv::v_int32x4 r1 = cv::v_round(encoded<kEncoding>(cv::v_muladd(v1, gain1, offset1)));
+      const cv::v_int32x4 r0 = cv::v_round(encoded<kEncoding>(v0 * gain0 + offset0));
+      const cv::v_int32x4 r1 = cv::v_round(encoded<kEncoding>(v1 * gain1 + offset1));
       cv::v_pack_u_store(out + x, cv::v_pack(r0, r1));
       gain0 += gain_step;
       gain1 += gain_step;

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::lighting {
 namespace {
 
@@ -35,7 +37,7 @@ float RangeBins::position(float range) {
 }
 
 double RangeBins::middle(int bin) {
-  return kNearest * std::exp2(bin / kPerOctave);
+  return kNearest * powerOfTwo(bin / kPerOctave);
 }
 
 NodeStatistics::NodeStatistics(const Channel& channel, const NodeLattice& lattice)

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/geometry/state_values.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
@@ -61,7 +62,7 @@ AddStatus Measurements::add(const RelativePose& edge, int poses, int* index, boo
   // By the measured translation and, for poses at one place, by the information.
   const double turn = edge.information.diagonal().tail<3>().sum(),
                shift = edge.information.diagonal().head<3>().sum();
-  m.lever = std::hypot(edge.T_from_to.translation().norm(), shift > 0 ? std::sqrt(turn / shift) : 1);
+  m.lever = hypotenuse(edge.T_from_to.translation().norm(), shift > 0 ? std::sqrt(turn / shift) : 1);
   link(k);
   if (index != nullptr) *index = k;
   return AddStatus::kOk;

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/geometry/image_view.hpp"
 
 namespace fathom::stereo {
@@ -160,7 +161,7 @@ void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vecto
     const double n = g.points, depth = g.depth / n;
     const double xx = g.xx / n - g.x * g.x / (n * n), yy = g.yy / n - g.y * g.y / (n * n);
     const double xy = g.xy / n - g.x * g.y / (n * n);
-    const double middle = 0.5 * (xx + yy), spread = std::hypot(0.5 * (xx - yy), xy);
+    const double middle = 0.5 * (xx + yy), spread = hypotenuse(0.5 * (xx - yy), xy);
     const double length = kEdgePerSigma * depth * std::sqrt(middle + spread);
     const double width = kEdgePerSigma * depth * std::sqrt(std::max(middle - spread, 0.0));
     if (length <= config.max_fish_length) g.needed = std::max(kFishGap, kFishGapPerWidth * width);

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/geometry/image_view.hpp"
 #include "recon/geometry/se3.hpp"
 
@@ -187,7 +188,7 @@ double MatchNoise::scale() {
   ratios_.clear();
   for (std::size_t i = 1; i < matches_.size(); ++i) {
     const Match &a = matches_[i - 1], &b = matches_[i];
-    ratios_.push_back(std::abs(a.distance - b.distance) / std::hypot(a.sigma, b.sigma));
+    ratios_.push_back(std::abs(a.distance - b.distance) / hypotenuse(a.sigma, b.sigma));
   }
   return std::max(kLeast, kMadToSigma * median(std::span(ratios_)));
 }

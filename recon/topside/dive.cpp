@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/localise/free_network.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
@@ -358,7 +359,7 @@ FuseResult Dive::fused() {
     pair.used = facts.has_mesh;
     if (pair.used) {
       const auto& box = plan().footprints[k].box;
-      pair.footprint_radius = 0.5 * std::hypot(box[2] - box[0], box[3] - box[1]);
+      pair.footprint_radius = 0.5 * hypotenuse(box[2] - box[0], box[3] - box[1]);
     }
     out.pairs.push_back(std::move(pair));
   }

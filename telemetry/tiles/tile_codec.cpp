@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "realtime/base/bytes/byte_order.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "telemetry/wire/field.hpp"
 
 namespace fathom::telemetry {
@@ -160,7 +161,7 @@ bool decodeTile(std::span<const std::uint8_t> bytes, DecodedTile& out) {
   decoded.depth_resolution = r.get(kResolution) / 1000;
   decoded.colour_bits = static_cast<int>(r.get(kColourBits));
   const float sigma =
-      static_cast<float>(kSigmaFloor * std::exp2(static_cast<double>(r.get(kSigmaBits)) / kSigmaSteps));
+      static_cast<float>(kSigmaFloor * powerOfTwo(static_cast<double>(r.get(kSigmaBits)) / kSigmaSteps));
   const std::int64_t least = r.getSigned(kDepthBits);
   const Lattice lattice(decoded.stride);
   std::array<bool, HeightTile::kNodes> seen{};

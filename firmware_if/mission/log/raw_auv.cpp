@@ -12,6 +12,7 @@
 
 #include "firmware_if/mission/images/image_file.hpp"
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::io {
@@ -237,7 +238,7 @@ bool RawAuvReader::parseLine(const std::string& line) {
   const double slant_range = fields.distance("target_sr").value_or(std::abs(*depth));
   const Geodetic position = projection_.toGeodetic({*north, *east});
   pending_.emplace_back(UsblFix{*utc_ns, *utc_ns, position.latitude, position.longitude, *depth,
-                                std::hypot(kRangeSigma, kBearingSigma * slant_range)});
+                                hypotenuse(kRangeSigma, kBearingSigma * slant_range)});
   return true;
 }
 

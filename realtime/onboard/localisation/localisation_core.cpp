@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/calibration/rig_history.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
@@ -188,13 +189,13 @@ double LocalisationCore::positionSigma(std::int64_t utc_ns, const SE3& T_odom_ca
   const slam::StepQuality step{elapsed, loss.add(quality.unlocked_s - last_quality_.unlocked_s),
                                quality.untilted_s - last_quality_.untilted_s, graph_.dvl().remainingShare(),
                                0};
-  return std::hypot(position_sigma_, slam::stepSigma(distance, step, config_.graph.noise),
+  return hypotenuse(position_sigma_, slam::stepSigma(distance, step, config_.graph.noise),
                     slam::wanderSigma(distance, elapsed, config_.graph.noise));
 }
 
 std::vector<UncertainView> LocalisationCore::views() {
   constexpr int kMost = 2000;  // covariances; neighbours' are alike
-  const double half = 0.5 * std::hypot(camera_.width / camera_.fx, camera_.height / camera_.fy);
+  const double half = 0.5 * hypotenuse(camera_.width / camera_.fx, camera_.height / camera_.fy);
   const int every = keyframes() / kMost + 1;
   std::vector<UncertainView> views;
   for (int k = 0; k < keyframes(); ++k) {

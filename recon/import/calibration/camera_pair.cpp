@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/geometry/se3.hpp"
 
@@ -29,7 +30,7 @@ double fitRationalLens(Camera& camera, const std::array<double, 3>& d) {
     return r * (1 + q * (lens.k1 + q * (lens.k2 + q * lens.k3))) / (1 + q * (d[0] + q * (d[1] + q * d[2])));
   };
   const double corner =
-      std::hypot(reach(lens.cx, lens.width) / lens.fx, reach(lens.cy, lens.height) / lens.fy);
+      hypotenuse(reach(lens.cx, lens.width) / lens.fx, reach(lens.cy, lens.height) / lens.fy);
   // The undistorted radius of the corner: outwards in steps, as long as the image grows.
   const double step = corner / kSamples;
   double most = 0;

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/text.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/import/navigation/nav_csv.hpp"
@@ -87,7 +88,7 @@ void leaveOutWild(NavData& data) {
   std::size_t wild = std::erase_if(rows, [](const NavRow& row) { return row.value.head<2>().isZero(); });
   const auto apart = [&](std::size_t a, std::size_t b) {
     const Eigen::Vector3d step = rows[b].value - rows[a].value;
-    return std::hypot(step.x(), std::cos(rows[a].value.x()) * wrapped(step.y())) > kFar;
+    return hypotenuse(step.x(), std::cos(rows[a].value.x()) * wrapped(step.y())) > kFar;
   };
   std::vector<NavRow> kept;
   for (std::size_t k = 0; k < rows.size(); ++k)

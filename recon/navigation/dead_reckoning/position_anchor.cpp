@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 
 namespace fathom::nav {
 namespace {
@@ -50,7 +51,7 @@ std::optional<PositionAnchor::Mean> PositionAnchor::meanOf(const Series& series,
   std::size_t size = 0;
   for (const Difference& d : all)
     if (drift(d) <= least + kStale * d.sigma)
-      now[size++] = {d.north_east, std::hypot(d.sigma, drift(d)), d.unlocked_s};
+      now[size++] = {d.north_east, hypotenuse(d.sigma, drift(d)), d.unlocked_s};
   return meanOf(std::span(now.data(), size));
 }
 
@@ -107,7 +108,7 @@ std::optional<PositionAnchor::Estimate> PositionAnchor::estimate(double unlocked
                                                                  double unknown_velocity) const noexcept {
   const auto gps = estimate(FixKind::kGps, unlocked_s, unknown_velocity);
   auto usbl = estimate(FixKind::kUsbl, unlocked_s, unknown_velocity);
-  if (usbl) usbl->sigma = std::hypot(usbl->sigma, usbl_shared_);
+  if (usbl) usbl->sigma = hypotenuse(usbl->sigma, usbl_shared_);
   if (!gps || !usbl) return gps ? gps : usbl;
   const double of_gps = 1 / (gps->sigma * gps->sigma), of_usbl = 1 / (usbl->sigma * usbl->sigma);
   // Birge's ratio between the two kinds.

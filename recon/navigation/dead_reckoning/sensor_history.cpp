@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/geometry/se3.hpp"
 
@@ -158,7 +159,7 @@ double DepthFilter::sigma() const noexcept {
 
 void DepthFilter::add(double seconds, double moved, double pressure_depth) noexcept {
   if (!silent_) learn(seconds, pressure_depth - pressure_ - moved);
-  follow(kCalmRate * std::sqrt(kCalm / std::hypot(sigma(), kCalm)), seconds, moved, pressure_depth);
+  follow(kCalmRate * std::sqrt(kCalm / hypotenuse(sigma(), kCalm)), seconds, moved, pressure_depth);
 }
 
 void DepthFilter::addWithoutVelocity(double seconds, double moved, double pressure_depth) noexcept {

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::slam {
@@ -56,7 +57,7 @@ FixGate::FixGate(KeyframeStore& keyframes, const DvlCalibration& dvl, SharedTurn
       robust_(robust) {}
 
 Eigen::Vector2d FixGate::startingShift() const {
-  const double by_usbl = std::hypot(usbl_anchor_.sigma, usblShift(usbl_anchor_.sigma, config_.noise)),
+  const double by_usbl = hypotenuse(usbl_anchor_.sigma, usblShift(usbl_anchor_.sigma, config_.noise)),
                weight = 1 / (anchor_.sigma * anchor_.sigma), usbl_weight = 1 / (by_usbl * by_usbl);
   if (!(weight + usbl_weight > 0)) return Eigen::Vector2d::Zero();
   return (weight * anchor_.shift + usbl_weight * usbl_anchor_.shift) / (weight + usbl_weight);

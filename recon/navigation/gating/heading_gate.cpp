@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::slam {
@@ -68,9 +69,9 @@ HeadingGate::Joined HeadingGate::join(const StepTurns& s) {
   const double gyro = wrapAngle(s.gyro - gyro_bias_ * s.seconds), gyro_sigma = gyroSigma(s);
   out.known = s.has_visual || s.has_gyro;
   if (s.has_visual && s.has_gyro) {
-    const double apart = wrapAngle(gyro - s.visual), spread = std::hypot(gyro_sigma, s.visual_sigma);
+    const double apart = wrapAngle(gyro - s.visual), spread = hypotenuse(gyro_sigma, s.visual_sigma);
     const auto near = [&](double turn, double sigma) {
-      return std::abs(wrapAngle(turn - s.compass)) < kGateSigmas * std::hypot(sigma, compassSigma(s));
+      return std::abs(wrapAngle(turn - s.compass)) < kGateSigmas * hypotenuse(sigma, compassSigma(s));
     };
     if (std::abs(apart) <= kGateSigmas * spread) {
       out.turn = s.visual;
@@ -151,7 +152,7 @@ void HeadingGate::add(const StepTurns& step) {
              (step.compass_jumped && step.compass_held);
   const bool jump = joined.alone && !step.compass_held && !step.compass_jumped &&
                     std::abs(contradiction) >
-                        std::max(kLeastJump, kGateSigmas * std::hypot(step.visual_sigma, compassSigma(step)));
+                        std::max(kLeastJump, kGateSigmas * hypotenuse(step.visual_sigma, compassSigma(step)));
   next_count_ = 0;
   for (int i = 0; i < count_; ++i) {
     History h = histories_[static_cast<std::size_t>(i)];

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -29,13 +31,13 @@ bool VelocityGate::agreesButForYaw(const Keyframe& from, const Keyframe& to, con
   const SensorNoise& noise = config.noise;
   const SE3 &T_a_b = visual.link.T_a_b, T_odom_to = dvl_.corrected(from.T_odom_cam, to.T_odom_cam);
   const double path = T_a_b.translation().norm(),
-               place = std::hypot(stepSigma(path, to.quality, noise), kMeanTurn * contradiction * path);
+               place = hypotenuse(stepSigma(path, to.quality, noise), kMeanTurn * contradiction * path);
   const Matrix6d at_dvl = perturbationAt(config.dvl_in_camera);
   const SE3 T_odom_seen = from.T_odom_cam * T_a_b;
   // Nav's axes, in which depth and yaw are, seen from the camera, however that is mounted.
   const Eigen::Matrix3d R = T_odom_seen.matrix3();
-  const double depth = std::hypot(noise.depth, to.quality.pressure_sigma),
-               vertical = std::hypot(place, 2 * depth), tilt = 2 * noise.tilt;
+  const double depth = hypotenuse(noise.depth, to.quality.pressure_sigma),
+               vertical = hypotenuse(place, 2 * depth), tilt = 2 * noise.tilt;
   const Eigen::Vector3d place2(place * place, place * place, vertical * vertical),
       turn2(tilt * tilt, tilt * tilt, kYawUnjudged);
   Matrix6d spread = Matrix6d::Zero();
@@ -164,7 +166,7 @@ StepTurns StepGate::turnsOf(const Keyframe& from, const Keyframe& to) const {
                       (to.quality.seconds_unlocked == 0 &&
                        velocity_.agreesButForYaw(from, to, visual_, wrapAngle(turns.visual - turns.compass)));
     const Eigen::Vector3d down = seen.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-    turns.visual_sigma = std::hypot(
+    turns.visual_sigma = hypotenuse(
         std::sqrt(std::max(0.0, down.dot(visual_.link.covariance.bottomRightCorner<3, 3>() * down))),
         kOfTurn * turns.visual);
   }
@@ -189,7 +191,7 @@ bool StepGate::judge() {
   heading_.add(turns);
   to.heading.visual = heading_.verdict(newest - 1).visual;
   const double contradiction = std::abs(wrapAngle(turns.visual - turns.compass)),
-               sigma = std::hypot(turns.visual_sigma, 2 * noise.heading,
+               sigma = hypotenuse(turns.visual_sigma, 2 * noise.heading,
                                   noise.deviation_turn * std::sqrt(std::abs(turns.compass)));
   if (turns.has_visual && contradiction > keyframes_.config().turned_sigmas * sigma)
     ++keyframes_.counters().steps_contradicted;

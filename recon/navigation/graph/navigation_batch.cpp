@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
 
@@ -236,8 +237,8 @@ SensorNoise adaptedNoise(const SensorNoise& noise, const std::vector<KeyframeInp
   }
   if (count > 0) {
     const Eigen::Vector3d spread = (squares / count - (sum / count).cwiseAbs2()).cwiseMax(0);
-    seen.deviation = std::hypot(noise.deviation, std::sqrt(spread.z()));
-    seen.tilt_bias = std::hypot(noise.tilt_bias, std::sqrt(0.5 * (spread.x() + spread.y())));
+    seen.deviation = hypotenuse(noise.deviation, std::sqrt(spread.z()));
+    seen.tilt_bias = hypotenuse(noise.tilt_bias, std::sqrt(0.5 * (spread.x() + spread.y())));
   }
   if (!headings.empty()) {
     seen.heading = std::max(noise.heading, valueAt(headings, kMostChanges) / kOfChanges);

@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -80,7 +82,7 @@ SensorNoise withTide(SensorNoise noise, bool predicted) {
   if (predicted)
     noise.tide_rate *= kLeft;
   else
-    noise.depth_offset = std::hypot(noise.depth_offset, kSea);
+    noise.depth_offset = hypotenuse(noise.depth_offset, kSea);
   return noise;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::slam {
@@ -96,11 +97,11 @@ void SensorReferences::addAttitude(const KeyframeInput& input, Keyframe& keyfram
   SensorNoise noise = config_.noise;
   if (keyframe.quality.seconds > 0)
     noise.heading =
-        std::hypot(noise.heading, noise.heading_lag * keyframe.quality.turn / keyframe.quality.seconds);
+        hypotenuse(noise.heading, noise.heading_lag * keyframe.quality.turn / keyframe.quality.seconds);
   const double beyond = std::abs(wrapAngle(heading - attitude_.heading));
   if (beyond > config_.reference_turn) {  // there was no room for a reference of this heading
-    noise.heading = std::hypot(noise.heading, noise.deviation_turn * std::sqrt(beyond));
-    noise.tilt = std::hypot(noise.tilt, noise.tilt_turn * std::sqrt(beyond));
+    noise.heading = hypotenuse(noise.heading, noise.deviation_turn * std::sqrt(beyond));
+    noise.tilt = hypotenuse(noise.tilt, noise.tilt_turn * std::sqrt(beyond));
   }
   keyframe.attitude =
       keyframes_.addFactor(attitudeFactor(attitude_.node, keyframe.node, input.T_odom_cam, noise));
@@ -144,7 +145,7 @@ void SensorReferences::addDepth(const KeyframeInput& input, int node) {
   const SE3 by_pressure(input.T_odom_cam.rotation(),
                         input.T_odom_cam.translation() + Eigen::Vector3d(0, 0, input.pressure_off + risen));
   (void)keyframes_.addFactor(depthFactor(depth_.node < 0 ? kWorld : depth_.node, node, by_pressure,
-                                         std::hypot(config_.noise.depth, input.pressure_sigma)));
+                                         hypotenuse(config_.noise.depth, input.pressure_sigma)));
 }
 
 void SensorReferences::appendAttitudeNodes(std::int64_t since_ns, std::vector<int>& nodes) const {

@@ -3,6 +3,8 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -66,7 +68,7 @@ VisualTurn::VisualTurn(const SE3& T_a_b, const Matrix6d& covariance, int rig_see
 DvlCalibration::DvlCalibration(const SensorNoise& noise, const Eigen::Vector3d& dvl_in_camera,
                                const RigPrior& rig)
     : noise_(noise), dvl_in_camera_(dvl_in_camera), rig_(rig) {
-  const double per_metre = std::hypot(rig.principal_point, rig.turn) / rig.baseline;
+  const double per_metre = hypotenuse(rig.principal_point, rig.turn) / rig.baseline;
   State sigma;
   sigma << noise.dvl_scale, noise.dvl_heading, rig.scale, per_metre, rig.curl, rig.curl, rig.curl, rig.spin,
       rig.ground_tilt, rig.ground_tilt, noise.tilt, noise.tilt;
@@ -90,7 +92,7 @@ bool DvlCalibration::rigChanged(const Eigen::Vector2d& growth) {
 
 void DvlCalibration::resetRig(double turn_sigma) {
   constexpr int kOfRig = 7;  // e, xx, xy, yy, w, u, v
-  const double per_metre = std::hypot(rig_.principal_point, turn_sigma) / rig_.baseline,
+  const double per_metre = hypotenuse(rig_.principal_point, turn_sigma) / rig_.baseline,
                curl = rig_.curl * rig_.curl, tilt = rig_.ground_tilt * rig_.ground_tilt;
   steps_.state.segment<1 + kOfRig>(kCurl - 2).setZero();  // b too
   steps_.covariance.middleRows<kOfRig>(kCurl - 1).setZero();
@@ -151,7 +153,7 @@ bool DvlCalibration::add(const SE3& T_odom_a, const SE3& T_odom_b, const SE3& T_
   known.calibration_share = 0;
   const double step = stepSigma(0, known, noise_), turned = noise_.tilt_bias * quality.turn,
                yawed =
-                   std::hypot(std::sqrt(2) * noise_.heading, noise_.deviation_turn * std::sqrt(quality.turn));
+                   hypotenuse(std::sqrt(2) * noise_.heading, noise_.deviation_turn * std::sqrt(quality.turn));
   noise.topLeftCorner<2, 2>() += noise_.heading * noise_.heading * across * across.transpose();
   noise.diagonal() += Vector5d(step, step, turned, turned, yawed).cwiseAbs2();
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/geometry/se3.hpp"
 #include "recon/geometry/uncertain_pose.hpp"
 
@@ -56,7 +57,7 @@ Matrix6d reckoningSpread(const KeyframeInput& a, const KeyframeInput& b, double 
   const double heading =
       2 * noise.heading * noise.heading + noise.deviation_turn * noise.deviation_turn * turn;
   const Eigen::Matrix3d R = b.T_odom_cam.matrix3();
-  const double depth = std::hypot(noise.depth, b.pressure_sigma);
+  const double depth = hypotenuse(noise.depth, b.pressure_sigma);
   const Eigen::Vector3d place(step * step, step * step, 2 * depth * depth);
   Matrix6d spread = Matrix6d::Zero();
   spread.topLeftCorner<3, 3>() = R.transpose() * place.asDiagonal() * R;
@@ -128,7 +129,7 @@ Mounting mountingOf(const std::vector<KeyframeInput>& frames, std::span<const Na
           x(3),
           sigma(3),
           x(4),
-          std::hypot(sigma(4), kSmoothed * x(4)),
+          hypotenuse(sigma(4), kSmoothed * x(4)),
           static_cast<int>(steps.size()),
           misfitOf(x),
           misfitOf(unshifted)};
@@ -164,7 +165,7 @@ PathScale pathScaleOf(const std::vector<KeyframeInput>& frames, std::span<const 
                  white = noise.dvl_velocity *
                          std::sqrt(std::max(stepSeconds(b.utc_ns - a.utc_ns), 1 / noise.dvl_rate) /
                                    noise.dvl_rate);
-    const double sigma = std::hypot(std::sqrt(std::max(0.0, along_in_b.dot(spread * along_in_b))), white,
+    const double sigma = hypotenuse(std::sqrt(std::max(0.0, along_in_b.dot(spread * along_in_b))), white,
                                     noise.dvl_place * turn);
     steps.push_back({-std::log(s), sigma * path / (s * root)});  // d log s = path d path / (s root)
   }

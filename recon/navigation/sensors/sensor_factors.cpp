@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "realtime/base/numbers/portable_math.hpp"
+
 namespace fathom::slam {
 namespace {
 
@@ -107,16 +109,16 @@ RelativePose stepFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b,
   const SE3 between = T_odom_a.inverse() * T_odom_b;
   const double path = (between * dvl_in_camera - dvl_in_camera).norm(),
                horizontal =
-                   std::hypot(stepSigma(path, quality, noise), wanderSigma(path, quality.seconds, noise)),
-               by_pressure = kLooseVertical * noise.depth / std::hypot(noise.depth, quality.pressure_sigma),
-               vertical = std::hypot(by_pressure, horizontal, kTilts * noise.tilt_bias * path);
+                   hypotenuse(stepSigma(path, quality, noise), wanderSigma(path, quality.seconds, noise)),
+               by_pressure = kLooseVertical * noise.depth / hypotenuse(noise.depth, quality.pressure_sigma),
+               vertical = hypotenuse(by_pressure, horizontal, kTilts * noise.tilt_bias * path);
   const double turned = noise.unknown_turn * quality.seconds_untilted;
   // In nav's axes first: horizontal and vertical.
   const Eigen::Matrix3d R = T_odom_b.matrix3();
   const Eigen::Vector3d position(horizontal, horizontal, vertical);
   Matrix6d information = Matrix6d::Zero();
   information.topLeftCorner<3, 3>() = R.transpose() * position.cwiseAbs2().cwiseInverse().asDiagonal() * R;
-  const double turn = std::hypot(kLooseTurn, turned);
+  const double turn = hypotenuse(kLooseTurn, turned);
   information.bottomRightCorner<3, 3>() = Eigen::Matrix3d::Identity() / (turn * turn);
   const Matrix6d at_dvl = perturbationAt(dvl_in_camera);
   return {a, b, between, residualInformation(at_dvl.transpose() * information * at_dvl)};
@@ -136,7 +138,7 @@ RelativePose attitudeDrift(int before, int after, double seconds, double turn, d
   const double walk = noise.deviation_drift * std::sqrt(std::max(seconds, 0.0));
   const double heading = std::sqrt(kHeld * kHeld + walk * walk +
                                    noise.deviation_turn * noise.deviation_turn * turn + extra * extra);
-  const double tilt = std::hypot(kHeld, noise.tilt_turn * std::sqrt(turn));
+  const double tilt = hypotenuse(kHeld, noise.tilt_turn * std::sqrt(turn));
   return measured(before, after, SE3(), all(kHeld), {tilt, tilt, heading});
 }
 
@@ -163,15 +165,15 @@ RelativePose depthFactor(int reference, int camera, const SE3& T_odom_cam, doubl
 }
 
 RelativePose firstTide(int origin, int tide, const SensorNoise& noise) {
-  return measured(origin, tide, SE3(), {kHeld, kHeld, std::hypot(kHeld, noise.depth_offset)},
-                  {kLevel, std::hypot(kLevel, kSlopeOfRate * noise.tide_rate), kLevel});
+  return measured(origin, tide, SE3(), {kHeld, kHeld, hypotenuse(kHeld, noise.depth_offset)},
+                  {kLevel, hypotenuse(kLevel, kSlopeOfRate * noise.tide_rate), kLevel});
 }
 
 RelativePose tideStep(int before, int after, double seconds, const SensorNoise& noise) {
-  const double root = std::sqrt(std::max(seconds, 0.0)), walk = std::hypot(kHeld, noise.depth_drift * root);
+  const double root = std::sqrt(std::max(seconds, 0.0)), walk = hypotenuse(kHeld, noise.depth_drift * root);
   const SE3 later(Eigen::Quaterniond::Identity(), {seconds / kSlopeOfRate, 0, 0});
   return measured(before, after, later, {kHeld, kHeld, walk},
-                  {kLevel, std::hypot(kLevel, kSlopeOfRate * kTideWalk * noise.tide_rate * root), kLevel});
+                  {kLevel, hypotenuse(kLevel, kSlopeOfRate * kTideWalk * noise.tide_rate * root), kLevel});
 }
 
 double tideRate(const SE3& T_nav_tide) {
@@ -191,7 +193,7 @@ double usblShift(double sigma, const SensorNoise& noise) {
 }
 
 RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma, const SensorNoise& noise) {
-  const double shift = std::hypot(kHeld, usblShift(sigma, noise)), turn = std::hypot(kHeld, noise.usbl_turn);
+  const double shift = hypotenuse(kHeld, usblShift(sigma, noise)), turn = hypotenuse(kHeld, noise.usbl_turn);
   return measured(origin, usbl, T_nav_usbl, {shift, shift, kHeld}, {kHeld, kHeld, turn});
 }
 

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <stdexcept>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::topside {
@@ -169,7 +170,7 @@ SlopeAspect slopeAspect(const TerrainView& view, const TerrainWindow& window) {
       const Gradient g = gradientAbout(sums, row, column, window, view.cell);
       if (!g.known) continue;
       const auto at = static_cast<std::size_t>(k);
-      const double steep = std::hypot(g.north, g.east);
+      const double steep = hypotenuse(g.north, g.east);
       out.slope[at] = static_cast<float>(std::atan(steep) * kDegreesPerRadian);
       if (steep < kLevel) continue;
       const double aspect = std::atan2(-g.east, -g.north) * kDegreesPerRadian;

@@ -11,6 +11,7 @@
 
 #include "firmware_if/mission/sensor_log.hpp"
 #include "realtime/base/input_error.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/geometry/geodesy.hpp"
 #include "recon/navigation/dead_reckoning/position_anchor.hpp"
@@ -201,7 +202,7 @@ std::vector<FixSeen> seenBy(nav::FixKind kind, const std::vector<Fix>& fixes,
     const Eigen::Vector3d receiver = *pose * lever;
     const double unlocked = reckoned.unlockedAt(poses[k]);
     if (anchor) anchor->add(kind, place - receiver.head<2>(), fixes[k].sigma, unlocked);
-    const double sigma = std::hypot(fixes[k].sigma, reckoned.unknown_velocity * unlocked);
+    const double sigma = hypotenuse(fixes[k].sigma, reckoned.unknown_velocity * unlocked);
     seen.push_back({kind, fixes[k].utc_ns, place, sigma, receiver});
   }
   return seen;

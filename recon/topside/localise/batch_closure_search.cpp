@@ -7,6 +7,7 @@
 #include <cmath>
 #include <tuple>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/progress.hpp"
 
 namespace fathom::topside {
@@ -43,8 +44,8 @@ bool byFrame(const closure::Candidate& x, const closure::Candidate& y) {
 closure::SharedErrors sharedErrors(const StereoRig& rig, const slam::RigPrior& open, double half_view,
                                    double range) {
   closure::SharedErrors errors;
-  errors.disparity = std::hypot(errors.disparity, open.scale * rig.left.fx * rig.baseline() / range);
-  errors.disparity_slope = std::hypot(errors.disparity_slope, open.uneven / half_view);
+  errors.disparity = hypotenuse(errors.disparity, open.scale * rig.left.fx * rig.baseline() / range);
+  errors.disparity_slope = hypotenuse(errors.disparity_slope, open.uneven / half_view);
   errors.disparity_curve = open.uneven / (half_view * half_view);
   return errors;
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/calibration/rig_history.hpp"
 #include "recon/navigation/sensors/sensor_factors.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
@@ -77,7 +78,7 @@ std::optional<ControlNetwork::Mark> ControlNetwork::markOf(const ControlSighting
     // Beyond the features a plane may run anywhere.
     range = 1 / std::clamp(plane.x(), lowest, highest);
     const double left = (by * plane - inverse).norm() / std::sqrt(static_cast<double>(near.size()));
-    sigma = std::hypot(left * range * range, kOfRange * range);
+    sigma = hypotenuse(left * range * range, kOfRange * range);
   }
   const Camera& camera = seen.left ? rig_.left : rig_.right;
   const SE3 T_left_camera = seen.left ? SE3() : rig_.T_right_left.inverse();

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "recon/solver/batch/batch_solver.hpp"
 
 namespace fathom::topside {
@@ -256,7 +257,7 @@ std::optional<slam::NavigationLink> KnownPlaces::stepTo(std::uint32_t frame) con
 std::optional<KnownPlaces::Apart> KnownPlaces::apart(std::uint32_t a, std::uint32_t b) const {
   if (!known_[a].north_east || !known_[b].north_east) return {};
   return Apart{(*known_[a].north_east - *known_[b].north_east).norm(),
-               std::hypot(known_[a].sigma, known_[b].sigma)};
+               hypotenuse(known_[a].sigma, known_[b].sigma)};
 }
 
 }  // namespace fathom::topside

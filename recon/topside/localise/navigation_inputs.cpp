@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/numbers/union_find.hpp"
 #include "realtime/base/units.hpp"
 #include "recon/geometry/sea_water.hpp"
@@ -189,7 +190,7 @@ ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, 
   ImageScale out;
   const slam::NavigationConfig graph = graphOf(input.mission, config.navigation);
   const slam::RigPrior& rig = graph.rig;
-  const double open = std::hypot(rig.principal_point, rig.turn);
+  const double open = hypotenuse(rig.principal_point, rig.turn);
   if (open == 0) return out;
   const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
   std::vector<slam::NavigationLink> links = of_pairs;
@@ -199,8 +200,8 @@ ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, 
                                         frames.pair.begin());
   const slam::PathScale path = slam::pathScaleOf(inputs, links, graph.dvl_in_camera, graph.noise);
   if (path.steps == 0) return out;
-  const double of_images = std::hypot(rig.scale, open / rig.baseline * median(frames.range)),
-               of_paths = std::hypot(path.sigma, graph.noise.dvl_scale, inputs.front().sound_share),
+  const double of_images = hypotenuse(rig.scale, open / rig.baseline * median(frames.range)),
+               of_paths = hypotenuse(path.sigma, graph.noise.dvl_scale, inputs.front().sound_share),
                share = of_images * of_images / (of_images * of_images + of_paths * of_paths);
   out.scale = std::exp(-share * path.longer);
   out.sigma = std::sqrt(share) * of_paths;

@@ -9,6 +9,7 @@
 #include "firmware_if/mission/feature_file.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/text.hpp"
 #include "recon/calibration/sensor_checks.hpp"
 #include "recon/closure/registration.hpp"
@@ -138,7 +139,7 @@ std::vector<Run> stepRunsOf(std::size_t steps) {
 // what is wrong across it, and what is wrong along it, which they do not show, is not better known.
 double principalPointSigma(const StereoRig& rig, const RigFinding& found) {
   constexpr double kAlong = 0.5;  // of what is wrong across (combined disturbances, 18 simulated dives)
-  return std::hypot(slam::RigPrior().principal_point, kAlong * found.before / rig.left.fx);
+  return hypotenuse(slam::RigPrior().principal_point, kAlong * found.before / rig.left.fx);
 }
 
 double rangeOf(const closure::FrameFeatures& features) {
@@ -236,7 +237,7 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   if (ranges.size() < (by_both > 0 || out.steps > 0 ? kFewestOfBoth : kFewest)) return false;
   const std::size_t paths = ranges.size();
   const double range = median(std::move(ranges));
-  prior.principal_point = std::hypot(prior.principal_point, by_both * turned.rig.baseline() / range);
+  prior.principal_point = hypotenuse(prior.principal_point, by_both * turned.rig.baseline() / range);
   const slam::DvlCalibration by_steps =
       calibrationByMost(all, seen, config.navigation.noise, dvl_in_camera, prior,
                         survey.navigation.poses[all.front().a].quality.sound_share);
@@ -289,7 +290,7 @@ slam::RigPrior rigPrior(const StereoRig& rig, const RigFinding& found) {
   constexpr double kLeast = 0.01;  // of any rig [px]
   slam::RigPrior prior;
   prior.baseline = rig.baseline();
-  prior.uneven = std::hypot(kLeast, kLeft * found.before);
+  prior.uneven = hypotenuse(kLeast, kLeft * found.before);
   prior.turn = found.yaw_sigma;
   prior.principal_point = principalPointSigma(rig, found);
   if (found.steps == 0) return prior;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 
 namespace fathom::monitor {
@@ -80,7 +81,7 @@ Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t no
     const double half = std::max(altitude * share, std::numbers::sqrt2 / 2);
     for (auto i = static_cast<std::int32_t>(std::floor(north - half)); i < north + half; ++i) {
       for (auto j = static_cast<std::int32_t>(std::floor(east - half)); j < east + half; ++j) {
-        if (std::hypot(i + 0.5 - north, j + 0.5 - east) > half || received.test(i, j) || listed.test(i, j))
+        if (hypotenuse(i + 0.5 - north, j + 0.5 - east) > half || received.test(i, j) || listed.test(i, j))
           continue;
         listed.set(i, j);
         coverage.pending.push_back({i, j, static_cast<float>(depth + altitude)});
@@ -97,7 +98,7 @@ Coverage coverageOf(const Track& track, const BlockStore& store, std::int64_t no
     if (next != track.end() && static_cast<double>(next->first - at->first) < kMaxGap_s * 1e9)
       steps =
           std::max(1, static_cast<int>(std::ceil(
-                          std::hypot(next->second.north - here.north, next->second.east - here.east) / 0.5)));
+                          hypotenuse(next->second.north - here.north, next->second.east - here.east) / 0.5)));
     constexpr int kMostSteps = 400;  // a jump further than any vehicle moves in the gap is no track
     if (steps > kMostSteps) steps = 1;
     for (int k = 0; k < steps; ++k) {

@@ -5,6 +5,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "realtime/base/numbers/portable_math.hpp"
 #include "realtime/base/units.hpp"
 #include "telemetry/monitor/map/received_map.hpp"
 
@@ -231,7 +232,7 @@ std::string historyJson(const MonitorModel& model) {
 
 std::string profileJson(const Surface& surface, double north0, double east0, double north1, double east1) {
   ordered_json points = ordered_json::array();
-  const double length = std::hypot(north1 - north0, east1 - east0);
+  const double length = hypotenuse(north1 - north0, east1 - east0);
   for (int k = 0; k <= kProfilePoints; ++k) {
     const double f = static_cast<double>(k) / kProfilePoints;
     const auto point = surface.sample(north0 + f * (north1 - north0), east0 + f * (east1 - east0));
