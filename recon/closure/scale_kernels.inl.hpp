@@ -5,11 +5,16 @@
 namespace fathom::closure::scale::FATHOM_KERNELS {
 namespace {
 
-using FloatLanes = float __attribute__((vector_size(32), aligned(4), may_alias));
+using FloatLanes = float __attribute__((vector_size(32)));
 constexpr int kLanes = 8;
 
-#define FATHOM_LANES(pointer) (*reinterpret_cast<const FloatLanes*>(pointer))
-#define FATHOM_STORE(pointer, lanes) (*reinterpret_cast<FloatLanes*>(pointer) = (lanes))
+// Of floats anywhere in memory.
+struct __attribute__((packed, may_alias)) LanesInMemory {
+  FloatLanes lanes;
+};
+
+#define FATHOM_LANES(pointer) (reinterpret_cast<const LanesInMemory*>(pointer)->lanes)
+#define FATHOM_STORE(pointer, value) (reinterpret_cast<LanesInMemory*>(pointer)->lanes = (value))
 
 void blurAlong(const float* m, const float* w, int radius, int n, float* out) {
   int x = 0;

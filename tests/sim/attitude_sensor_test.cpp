@@ -52,7 +52,7 @@ TEST_F(SensorTest, AGyroDriftsByItsBiasAndItsRandomWalkAndIsOffUnlessAskedFor) {
   config.rate_hz = 50;
   simulateGyro(w, config, samples);
   Statistics white;
-  Eigen::Quaterniond turned = Eigen::Quaterniond::Identity(), first;
+  Eigen::Quaterniond turned = Eigen::Quaterniond::Identity(), first = turned;
   double before = 0, previous = 0;
   for (const auto& s : samples) {
     const auto& gyro = std::get<GyroSample>(s.sample);
