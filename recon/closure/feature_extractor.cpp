@@ -189,7 +189,6 @@ struct FeatureExtractor::Impl {
   ScaleSpace scale_space{kContrast};
   int shrink = 1;
   std::vector<KeyPoint> points, matched;  // found by the detector; found in the right image too
-  std::vector<Feature> places;            // of `matched`
   std::optional<FromAbove> from_above;
   cv::Mat small, above, around, smooth_left, smooth_right;
   FrameFeatures result, sharp;  // sharp: of images as they came, where these gave few
@@ -258,7 +257,6 @@ void FeatureExtractor::Impl::find(const ImageView& left, const ImageView& right,
 
   // Features seen by both cameras alone are described.
   matched.clear();
-  places.clear();
   const int reach = config.stereo.refine_window / 2;
   for (const KeyPoint& p : points) {
     if (matched.size() == wanted) break;
@@ -268,12 +266,12 @@ void FeatureExtractor::Impl::find(const ImageView& left, const ImageView& right,
     if (right.mask != nullptr && right.mask->hides(found.right, reach)) continue;
     const double size = static_cast<double>(p.size);
     const double sigma = shrink * (config.place_sigma + config.place_sigma_per_size * size);
-    if (!addFeature(matcher, pixel, found, sigma, static_cast<float>(shrink * size), places)) continue;
+    if (!addFeature(matcher, pixel, found, sigma, static_cast<float>(shrink * size), result.features))
+      continue;
     matched.push_back(p);
   }
   ended("stereo");
 
-  result.features = places;
   result.descriptors.resize(matched.size() * kDescriptorBytes);
   std::array<float, ScaleSpace::kDescriptor> histogram{};
   for (std::size_t i = 0; i < matched.size(); ++i) {

@@ -75,7 +75,7 @@ int mirrored(int i, int n) {
 
 ScaleSpace::ScaleSpace(double contrast) : kernels_(scale::fastestKernels()), contrast_(contrast) {
   weights_[0] = gaussian(std::sqrt(kSigma * kSigma - 4 * kCamera * kCamera));
-  const double step = std::cbrt(2.0);
+  const double step = powerOfTwo(1.0 / kLayers);
   double before = kSigma;
   for (std::size_t k = 1; k < weights_.size(); ++k) {
     const double now = before * step;

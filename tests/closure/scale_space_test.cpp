@@ -10,44 +10,42 @@
 #include <vector>
 
 #include "realtime/base/numbers/hash64.hpp"
+#include "tests/world/pictures.hpp"
 
 namespace fathom::closure {
 namespace {
 
 constexpr double kContrast = 0.02;
 
-struct Picture {
-  int width, height;
-  std::vector<std::uint8_t> pixels;
+test::GrayImage blank(int width, int height) {
+  return {width, height, std::vector<std::uint8_t>(static_cast<std::size_t>(width * height))};
+}
 
-  Picture(int w, int h) : width(w), height(h), pixels(static_cast<std::size_t>(w * h)) {}
-  std::uint8_t& at(int x, int y) { return pixels[static_cast<std::size_t>(y * width + x)]; }
-  [[nodiscard]] ImageView view() const {
-    return {pixels.data(), width, height, static_cast<std::size_t>(width)};
-  }
-};
+std::uint8_t& at(test::GrayImage& picture, int x, int y) {
+  return picture.pixels[static_cast<std::size_t>(y * picture.width + x)];
+}
 
 // Blocks of random greys of 8 and 2 pixels, by whole numbers alone.
-Picture blocks(int width, int height) {
-  Picture picture(width, height);
+test::GrayImage blocks(int width, int height) {
+  test::GrayImage picture = blank(width, height);
   const auto grey = [](int x, int y, int side, std::uint64_t range) {
     return hash64(static_cast<std::uint64_t>(side * 100'000'000 + (y / side) * 10'000 + x / side)) % range;
   };
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
-      picture.at(x, y) = static_cast<std::uint8_t>(40 + grey(x, y, 8, 100) + grey(x, y, 2, 60));
+      at(picture, x, y) = static_cast<std::uint8_t>(40 + grey(x, y, 8, 100) + grey(x, y, 2, 60));
   return picture;
 }
 
 // A bright spot on grey that gets brighter towards one side.
-Picture spot(double x0, double y0, double sigma, double direction) {
-  Picture picture(120, 100);
+test::GrayImage spot(double x0, double y0, double sigma, double direction) {
+  test::GrayImage picture = blank(120, 100);
   for (int y = 0; y < picture.height; ++y)
     for (int x = 0; x < picture.width; ++x) {
       const double dx = x - x0, dy = y - y0;
       const double height = 12 * sigma * std::exp(-0.5 * (dx * dx + dy * dy) / (sigma * sigma)),
                    slope = 1.2 * (std::cos(direction) * dx - std::sin(direction) * dy);
-      picture.at(x, y) = static_cast<std::uint8_t>(std::lround(100 + height + slope));
+      at(picture, x, y) = static_cast<std::uint8_t>(std::lround(100 + height + slope));
     }
   return picture;
 }
@@ -58,7 +56,7 @@ TEST(ScaleSpace, FindsASpotWhereItIsAsLargeAsItIsAndTurnedAsItIs) {
   for (const double sigma : {1.5, 2.0, 3.1, 5.0})
     for (const double direction : {0.0, 1.0, 2.5, 4.0, 6.0}) {
       const double x = 60.3, y = 48.8;
-      const Picture picture = spot(x, y, sigma, direction);
+      const test::GrayImage picture = spot(x, y, sigma, direction);
       const auto& points = scale_space.detect(picture.view());
       ASSERT_FALSE(points.empty()) << sigma;
       const KeyPoint& p = points.front();
@@ -81,13 +79,13 @@ TEST(ScaleSpace, FindsASpotWhereItIsAsLargeAsItIsAndTurnedAsItIs) {
 
 // By a quarter of a turn, which keeps every pixel, and by another grey and contrast.
 TEST(ScaleSpace, DescribesTheSameAfterATurnAndInOtherLight) {
-  const Picture picture = blocks(160, 120);
-  Picture turned(120, 160), dimmer(160, 120);
+  const test::GrayImage picture = blocks(160, 120);
+  test::GrayImage turned = blank(120, 160), dimmer = blank(160, 120);
   for (int y = 0; y < picture.height; ++y)
     for (int x = 0; x < picture.width; ++x) {
       const auto grey = picture.pixels[static_cast<std::size_t>(y * picture.width + x)];
-      turned.at(y, picture.width - 1 - x) = grey;
-      dimmer.at(x, y) = static_cast<std::uint8_t>(20 + grey / 2);
+      at(turned, y, picture.width - 1 - x) = grey;
+      at(dimmer, x, y) = static_cast<std::uint8_t>(20 + grey / 2);
     }
   ScaleSpace first(kContrast), second(kContrast), third(kContrast / 2);
   const auto points = first.detect(picture.view());
@@ -129,13 +127,13 @@ TEST(ScaleSpace, HasNoPointsInFlatTinyAndEmptyImages) {
   EXPECT_TRUE(scale_space.detect({}).empty());
   for (const auto& [width, height] : {std::pair(1, 1), {7, 50}, {8, 8}, {9, 300}})
     scale_space.detect(blocks(width, height).view());
-  Picture flat(64, 64);
+  test::GrayImage flat = blank(64, 64);
   std::fill(flat.pixels.begin(), flat.pixels.end(), std::uint8_t{90});
   EXPECT_TRUE(scale_space.detect(flat.view()).empty());
 }
 
 TEST(ScaleSpace, ReusedForAnotherImageGivesWhatAFreshOneGives) {
-  const auto bytesOf = [](ScaleSpace& s, const Picture& picture) {
+  const auto bytesOf = [](ScaleSpace& s, const test::GrayImage& picture) {
     std::vector<float> out;
     for (const KeyPoint& p : s.detect(picture.view())) {
       std::array<float, ScaleSpace::kDescriptor> d{};
@@ -155,7 +153,7 @@ TEST(ScaleSpace, GivesTheSameBytesOnEveryProcessor) {
   std::uint64_t digest = 0xcbf29ce484222325;
   const auto add = [&](float v) { digest = (digest ^ std::bit_cast<std::uint32_t>(v)) * 0x100000001b3; };
   ScaleSpace scale_space(kContrast);
-  const Picture picture = blocks(203, 149);
+  const test::GrayImage picture = blocks(203, 149);
   for (const KeyPoint& p : scale_space.detect(picture.view())) {
     std::array<float, ScaleSpace::kDescriptor> d{};
     scale_space.describe(p, d);
