@@ -42,7 +42,7 @@ void addHilCommand(CommandLine& app) {
   command.add_option("--from", o.from_s, "begin at this second of the mission")
       ->check(CLI::NonNegativeNumber);
   command.add_option("--seconds", o.seconds, "of the mission; 0: to its end")->check(CLI::NonNegativeNumber);
-  command.shown("--laps", o.laps, "forward, backward, forward...", 1, 1000);
+  command.shown("--laps", o.laps, "forward, backward, forward...", 1, 10000);
   command.shown("--lead", o.lead_s, "time before the mission begins, for discovery and arming [s]", 2.0,
                 600.0);
   command.add_option("--onboard", o.onboard,

@@ -175,5 +175,23 @@ TEST(FeatureMission, PrincipalPointsThatAreOffAreFoundInADiveThatTurnsAllTheTime
   EXPECT_NEAR(longer, truth, 0.17 * truth);
 }
 
+// For most of a dive along one line: paths and altitudes are both too short, but by different shares.
+TEST(FeatureMission, ALayerInTheWaterDoesNotChangeTheRig) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+  scenario.plan.lines = 1;
+  scenario.plan.line_length = 8;
+  scenario.plan.cross_lines = 0;
+  scenario.sensors.dvl.current_north_mps = 0.15;
+  scenario.sensors.dvl.false_bottom = {{48, 62}};
+  makeFeatures(scenario, mission);
+  (void)runTopside(mission, folder.path() / "topside", {});
+  const nlohmann::json rig = reportOf(folder.path() / "topside").at("rig");
+  const double longer = tooLong(rig);
+  std::printf("%d paths: ranges too long by %.4f\n", rig.at("paths").get<int>(), longer);
+  EXPECT_LT(std::abs(longer), 0.01);
+}
+
 }  // namespace
 }  // namespace fathom::topside

@@ -151,21 +151,34 @@ double rangeOf(const closure::FrameFeatures& features) {
 struct SeenStep {
   double range = 0;
   closure::Registration link;
+  // Logarithms of the camera's over the DVL's: how far, and how high above the seafloor.
+  double by_path = 0, by_altitude = 0;
 };
+
+SeenStep seenStep(const Step& step, const Survey& survey, double range, const closure::Registration& link,
+                  const Eigen::Vector3d& dvl_in_camera) {
+  const auto pathOf = [&](const SE3& T_a_b) { return (T_a_b * dvl_in_camera - dvl_in_camera).norm(); };
+  return {range, link, std::log(pathOf(link.T_a_b) / pathOf(step.T_nav_a.inverse() * step.T_nav_b)),
+          std::log(range / survey.planes[step.b]->ahead())};
+}
+
+// A rig makes paths and ranges too long alike, but for relief. A DVL that took a layer in the water for the
+// seafloor has an altitude that fits no path.
+bool isOfSeafloor(const SeenStep& seen) {
+  constexpr double kMost = 0.25;  // logarithm
+  return std::abs(seen.by_path - seen.by_altitude) < kMost;
+}
 
 // By how much ranges are too long by both of the DVL's measurements, paths and altitudes: by that which says
 // less, 0 where they contradict each other. Less than relief makes of altitudes, and the sound speed of other
 // water of both, is none.
-double tooLongByBoth(const std::vector<Step>& steps, const std::vector<SeenStep>& seen, const Survey& survey,
-                     const Eigen::Vector3d& dvl_in_camera) {
+double tooLongByBoth(const std::vector<SeenStep>& seen) {
   constexpr double kLeast = 0.05;  // of the range
   std::vector<double> by_path, by_altitude;
-  for (std::size_t k = 0; k < steps.size(); ++k) {
-    if (!seen[k].link.accepted()) continue;
-    const auto pathOf = [&](const SE3& T_a_b) { return (T_a_b * dvl_in_camera - dvl_in_camera).norm(); };
-    by_path.push_back(
-        std::log(pathOf(seen[k].link.T_a_b) / pathOf(steps[k].T_nav_a.inverse() * steps[k].T_nav_b)));
-    by_altitude.push_back(std::log(seen[k].range / survey.planes[steps[k].b]->ahead()));
+  for (const SeenStep& one : seen) {
+    if (!one.link.accepted()) continue;
+    by_path.push_back(one.by_path);
+    by_altitude.push_back(one.by_altitude);
   }
   const double path = median(std::move(by_path)), altitude = median(std::move(by_altitude));
   const double both = std::min(std::abs(path), std::abs(altitude));
@@ -206,6 +219,8 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
   const bool few_long = all.size() < kEnough;
   if (few_long) all = stepsBy(kAnySteps, turned, survey);
   const std::vector<Run> runs = stepRunsOf(all.size());
+  const Eigen::Vector3d dvl_in_camera =
+      input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation();
   std::vector<SeenStep> seen(all.size());
   oneapi::tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
     const auto preparer = makePreparer(turned, config, models, true);
@@ -219,21 +234,22 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
       const bool goes_on = k > runs[r].first && step.a == all[k - 1].b;
       a = goes_on ? std::move(b) : prepare(step.a);
       b = prepare(step.b);
-      seen[k] = {rangeOf(b), registrar.process(a, b, stepPrior(step.T_nav_a.inverse() * step.T_nav_b))};
+      const closure::Registration& link =
+          registrar.process(a, b, stepPrior(step.T_nav_a.inverse() * step.T_nav_b));
+      seen[k] = seenStep(step, survey, rangeOf(b), link, dvl_in_camera);
+      if (!isOfSeafloor(seen[k])) seen[k].link.refusal = closure::Refusal::kContradiction;
     }
   });
   slam::RigPrior prior = config.navigation.rig;
   prior.baseline = turned.rig.baseline();
   prior.turn = out.yaw_sigma;
   prior.principal_point = principalPointSigma(input.rig, out);
-  const Eigen::Vector3d dvl_in_camera =
-      input.mission.T_body_cam.inverse() * input.mission.T_body_dvl.translation();
   std::vector<double> ranges;
   for (const SeenStep& one : seen)
     if (one.link.accepted()) ranges.push_back(one.range);
   // A few paths of a dive that turns all the time, or is short, say little, and nothing of their own errors.
   constexpr std::size_t kFewest = 8, kFewestOfBoth = 3;
-  const double by_both = tooLongByBoth(all, seen, survey, dvl_in_camera);
+  const double by_both = tooLongByBoth(seen);
   if (ranges.size() < (by_both > 0 || out.steps > 0 ? kFewestOfBoth : kFewest)) return false;
   const std::size_t paths = ranges.size();
   const double range = median(std::move(ranges));
