@@ -189,6 +189,24 @@ TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
   EXPECT_LT(errorsOf(solved, right).absolute, 0.005);
 }
 
+// Of those that the others contradict, chance has few, and false closures of few features many.
+TEST(NavigationBatch, DoubtsAClosureOfFewFeaturesSooner) {
+  const SyntheticDiveOptions options;
+  const SyntheticDive survey = makeDive(options);
+  const auto keptWith = [&](int features) {
+    Measured measured = measuredOf(survey, options.usbl_sigma);
+    for (NavigationLink& link : measured.links) link.inliers = 50;
+    NavigationLink& off = measured.links[survey.visual.size() + survey.closures.size() / 2];
+    off.inliers = features;
+    off.T_a_b = survey.truth[off.a].inverse() * survey.truth[off.b] *
+                SE3(Eigen::Quaterniond::Identity(), {7 * std::sqrt(off.covariance(0, 0)), 0, 0});
+    (void)solve(survey, options, measured);
+    return off.kept;
+  };
+  EXPECT_TRUE(keptWith(50));
+  EXPECT_FALSE(keptWith(18));
+}
+
 // The compass leaps while the DVL is dead, which visual odometry alone shows [s], [rad].
 SyntheticDiveOptions leapWithoutBottomTrack(double dead_to, double jump_at, double jump) {
   SyntheticDiveOptions options{
