@@ -94,7 +94,9 @@ std::vector<Perturbation> makePerturbations() {
       [](Scenario& s, double v, const Occasion&) { s.optics.sensor.right_gain = v; });
   add("magnetic anomaly", "deg", 0, 10, {3, 10, 30, 90}, kFeatures,
       [](Scenario& s, double v, const Occasion& o) {
-        s.sensors.compass.anomalies = {{o.north_m, o.east_m, 2.5, o.sign * degreesToRadians(v)}};
+        constexpr double kBuried_m = 0.5;
+        s.sensors.compass.anomalies = {
+            {o.north_m, o.east_m, s.terrain.base_depth_m + kBuried_m, 2.5, o.sign * degreesToRadians(v)}};
       });
   add("compass jumps", "deg", 0, 10, {3, 10, 30, 90}, kFeatures,
       [](Scenario& s, double v, const Occasion& o) {

@@ -70,8 +70,10 @@ void visitCompass(KeyVisitor& keys, CompassConfig& c) {
       [&](MagneticAnomaly& anomaly) {
         keys.number("north_m", anomaly.north_m, "m", -5000, 5000, "in nav");
         keys.number("east_m", anomaly.east_m, "m", -5000, 5000, "in nav");
-        keys.number("radius_m", anomaly.radius_m, "m", 0.1, 1000, "where the error is a third of its peak");
-        keys.angle("deg", anomaly.turn, -180, 180, "added to the heading above it; a dipole's fall beyond");
+        keys.number("depth_m", anomaly.depth_m, "m", 0, 5000,
+                    "in nav; 0: a radius below the compass, however deep that is");
+        keys.number("radius_m", anomaly.radius_m, "m", 0.1, 1000, "how far above it the error is as stated");
+        keys.angle("deg", anomaly.turn, -180, 180, "added to the heading there; a dipole's fall elsewhere");
       });
   keys.leave();
 }

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -10,9 +11,10 @@ namespace fathom::sim {
 namespace {
 
 double headingError(const MagneticAnomaly& anomaly, const Eigen::Vector3d& place) {
-  const double north = place.x() - anomaly.north_m, east = place.y() - anomaly.east_m;
-  const double radii2 = (north * north + east * east) / (anomaly.radius_m * anomaly.radius_m);
-  return anomaly.turn / std::pow(1 + radii2, 1.5);
+  constexpr double kNearest = 0.5;  // radii
+  const double down = anomaly.depth_m > 0 ? anomaly.depth_m - place.z() : anomaly.radius_m;
+  const Eigen::Vector3d apart(place.x() - anomaly.north_m, place.y() - anomaly.east_m, down);
+  return anomaly.turn / std::pow(std::max(apart.norm() / anomaly.radius_m, kNearest), 3);
 }
 
 // Roll and pitch error of a tilt sensor by the hull's acceleration [rad].

@@ -91,12 +91,13 @@ struct CompassJump {
   double turn = degreesToRadians(20);  // of the heading from then on [rad]
 };
 
-// Heading error near a magnetic object on the seafloor, with the decay of a dipole's field:
-// turn / (1 + (d / radius)^2)^(3/2) at the horizontal distance d.
+// Heading error near a magnetic object, with the decay of a dipole's field: turn (radius / d)^3 at the
+// distance d from it, of half the radius at least.
 struct MagneticAnomaly {
-  double north_m = 0, east_m = 0;  // in nav
+  double north_m = 0, east_m = 0,
+         depth_m = 0;  // in nav; depth 0: a radius below the compass, however deep that is
   double radius_m = 3;
-  double turn = degreesToRadians(20);  // of the heading above it [rad]
+  double turn = degreesToRadians(20);  // of the heading a radius above it [rad]
 };
 
 struct CompassConfig {

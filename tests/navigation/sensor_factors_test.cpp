@@ -53,7 +53,7 @@ TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
   expectDerivatives(
       stepFactor(kA, kB, camera(3, -2, 10, 0.72), camera(3.5, -1.7, 10, 0.93), kDvl, quality, kNoise), a, b);
   expectDerivatives(attitudeFactor(kA, kB, camera(0, 0, 9, 0.95), kNoise), reference, b);
-  expectDerivatives(firstAttitudeReference(kOrigin, kA, kNoise), SE3(), reference);
+  expectDerivatives(firstAttitudeReference(kOrigin, kA, {0.1, 60}, kNoise), SE3(), reference);
   expectDerivatives(attitudeDrift(kA, kB, 20, 0.2, 0, kNoise), reference, next);
   expectDerivatives(tiltAbout(kOrigin, kA, 0.2, kNoise), SE3(), reference);
   expectDerivatives(depthFactor(kOrigin, kB, camera(1, 1, 10.2, 0.9), kNoise.depth), SE3(), b);

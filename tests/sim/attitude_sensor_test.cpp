@@ -27,7 +27,7 @@ TEST_F(SensorTest, AMagneticAnomalyTurnsHeadingsWhereItIsAndNothingElse) {
   const SensorWorld w = world();
   const auto healthy = sampled<AttitudeSample>(simulateCompass, config);
   const Eigen::Vector3d place = (trajectory.poseAt(120) * w.T_body_compass).translation();
-  config.anomalies = {{place.x(), place.y(), 2, 20 * kRadiansPerDegree}};
+  config.anomalies = {{place.x(), place.y(), 0, 2, 20 * kRadiansPerDegree}};
   const auto faulty = sampled<AttitudeSample>(simulateCompass, config);
   ASSERT_EQ(healthy.size(), faulty.size());
   double nearest = 1e9, at_nearest = 0;
@@ -41,6 +41,25 @@ TEST_F(SensorTest, AMagneticAnomalyTurnsHeadingsWhereItIsAndNothingElse) {
     if (distance < nearest) nearest = distance, at_nearest = turned;
   }
   EXPECT_NEAR(at_nearest, 20 * kRadiansPerDegree, 0.1 * kRadiansPerDegree);
+}
+
+TEST_F(SensorTest, AnObjectOnTheSeafloorDoesNotTurnACompassFarAboveIt) {
+  CompassConfig config;
+  const SensorWorld w = world();
+  const auto healthy = sampled<AttitudeSample>(simulateCompass, config);
+  const Eigen::Vector3d place = (trajectory.poseAt(120) * w.T_body_compass).translation();
+  const auto turnedBy = [&](double depth_m) {
+    config.anomalies = {{place.x(), place.y(), depth_m, 2, 20 * kRadiansPerDegree}};
+    const auto faulty = sampled<AttitudeSample>(simulateCompass, config);
+    double most = 0;
+    for (std::size_t k = 0; k < healthy.size(); ++k)
+      if (std::abs(timeOf(healthy[k].utc_ns) - 120) < 0.2)
+        most = std::max(most, std::abs(wrapAngle(faulty[k].heading - healthy[k].heading)));
+    return most / kRadiansPerDegree;
+  };
+  EXPECT_NEAR(turnedBy(place.z() + 2), 20, 0.5);
+  EXPECT_NEAR(turnedBy(place.z() + 6), 20.0 / 27, 0.05);
+  EXPECT_NEAR(turnedBy(place.z() + 0.1), 160, 4);  // no more, however near
 }
 
 TEST_F(SensorTest, AGyroDriftsByItsBiasAndItsRandomWalkAndIsOffUnlessAskedFor) {

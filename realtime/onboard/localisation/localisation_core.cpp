@@ -228,6 +228,8 @@ void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked&
   keyframe.compass_jumped = input.quality.heading_leaps > last_quality_.heading_leaps;
   keyframe.gyro_turn = input.quality.gyro_turn - last_quality_.gyro_turn;
   keyframe.ungyro_s = input.quality.has_gyro ? input.quality.ungyro_s - last_quality_.ungyro_s : -1;
+  if (input.quality.has_gyro)
+    keyframe.compass_off = {input.quality.compassBeyondMean(), input.quality.compass_off_s};
   const auto number = graph_.addKeyframe(keyframe);
   noteRetired();
   if (!number) return;

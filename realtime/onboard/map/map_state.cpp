@@ -7,7 +7,7 @@
 namespace fathom::onboard {
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 5;
+constexpr std::uint32_t kTag = rt::stateTag("MAPC"), kMovingTag = rt::stateTag("MOVE"), kVersion = 6;
 // No mesh is so large [m]; every square of a moved mesh's box is visited.
 constexpr float kLargestBox = 1000;
 

@@ -238,7 +238,7 @@ void NavCore::takeHealth(std::int64_t utc_ns) noexcept {
 
 namespace {
 
-constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 6;
+constexpr std::uint32_t kTag = rt::stateTag("NAVC"), kFeedTag = rt::stateTag("NAVF"), kVersion = 7;
 
 template <typename Archive, typename Health>
 void exchangeHealth(Archive& archive, Health& health) {

@@ -317,6 +317,22 @@ void DeadReckoning::rate(Node& node, const Node& before) const noexcept {
   node.quality.gyro_turn += turn.angle;
   node.quality.ungyro_s += turn.silent_s;
   node.heading_rate = headingRateAt(rates_, attitudes_, node.utc_ns, gyro_times_.silenceNs());
+  followCompass(node, before);
+}
+
+void DeadReckoning::followCompass(Node& node, const Node& before) const noexcept {
+  Quality& q = node.quality;
+  if (q.ungyro_s > before.quality.ungyro_s) {
+    q.compass_off = q.compass_off_sum = q.compass_off_s = 0;
+    return;
+  }
+  const auto heading = [](const Node& at) {
+    return SE3(at.R_odom_body, Eigen::Vector3d::Zero()).euler().z();
+  };
+  const double s = seconds(node.utc_ns - before.utc_ns);
+  q.compass_off += wrapAngle(heading(node) - heading(before) - (q.gyro_turn - before.quality.gyro_turn));
+  q.compass_off_sum += 0.5 * (before.quality.compass_off + q.compass_off) * s;
+  q.compass_off_s += s;
 }
 
 // Depth by pressure and the DVL (DepthFilter); `before`: null at first.

@@ -98,13 +98,20 @@ class DeadReckoning {
     // adds nothing [s]; and whether there is a gyro at all.
     double gyro_turn = 0, ungyro_s = 0;
     bool has_gyro = false;
+    // Heading by the compass less that turn, since the gyro was last silent, 0 at first [rad]; that, summed
+    // over the time [rad s]; and the time [s].
+    double compass_off = 0, compass_off_sum = 0, compass_off_s = 0;
     // Standard deviation of horizontal velocities' scale by a speed of sound that only the DVL gives [1].
     double sound_share = 0;
 
     static void exchange(auto& archive, auto& self) {
       archive(self.unlocked_s, self.untilted_s, self.attitude_held, self.depth_held, self.pressure_off,
               self.pressure_sigma, self.heading_leaps, self.gyro_turn, self.ungyro_s, self.has_gyro,
-              self.sound_share);
+              self.compass_off, self.compass_off_sum, self.compass_off_s, self.sound_share);
+    }
+    // What the compass reads beyond its mean over that time, as the gyro has it [rad].
+    [[nodiscard]] double compassBeyondMean() const {
+      return compass_off_s > 0 ? compass_off - compass_off_sum / compass_off_s : 0;
     }
   };
   // At a time within the kept history, as poseAt(); beyond its ends: that of the end.
@@ -187,6 +194,7 @@ class DeadReckoning {
   [[nodiscard]] Eigen::Quaterniond turnedOn(std::int64_t utc_ns) const noexcept;
   void appendNode(std::int64_t utc_ns, const Eigen::Vector3d& velocity_body) noexcept;
   void rate(Node& node, const Node& before) const noexcept;
+  void followCompass(Node& node, const Node& before) const noexcept;
   [[nodiscard]] double withoutLeap(double heading, std::int64_t utc_ns) noexcept;
   void placeDepth(Node& node, const Node* before) noexcept;
   [[nodiscard]] double soundSpeedFactor(double assumed) noexcept;

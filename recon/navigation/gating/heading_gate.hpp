@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "recon/geometry/se3.hpp"
+#include "recon/navigation/sensors/sensor_factors.hpp"
 
 namespace fathom::slam {
 
@@ -106,11 +107,11 @@ class HeadingGate {
   int count_ = 1, next_count_ = 0;
   std::array<Stored, kWindow> verdicts_{};
   std::int64_t steps_ = 0, first_changed_ = 0;
-  double reckoned_ = 0;                          // D [rad]
-  double turned_ = 0;                            // in the last steps, in both directions together [rad]
-  bool was_held_ = false;                        // the compass, at the last step's end
-  bool relocks_ = false;                         // no sensor measured the turn while the compass was silent
-  double gyro_bias_ = 0, gyro_variance_ = 1e-6;  // [rad/s], [rad^2/s^2]
+  double reckoned_ = 0;    // D [rad]
+  double turned_ = 0;      // in the last steps, in both directions together [rad]
+  bool was_held_ = false;  // the compass, at the last step's end
+  bool relocks_ = false;   // no sensor measured the turn while the compass was silent
+  double gyro_bias_ = 0, gyro_variance_ = kGyroBias * kGyroBias;  // [rad/s], [rad^2/s^2]
 };
 
 }  // namespace fathom::slam

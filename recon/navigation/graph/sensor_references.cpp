@@ -61,13 +61,15 @@ bool SensorReferences::reuseReference(std::int64_t utc_ns, double heading) {
 void SensorReferences::beginAttitude(const KeyframeInput& input, Keyframe& keyframe, double heading,
                                      double age, double turn) {
   const bool first = attitude_.node < 0;
-  const int reference = newReference(first ? SE3() : keyframes_.solver().pose(attitude_.node));
+  const SE3 start = first ? firstAttitudeReference(kWorld, 0, input.compass_off, config_.noise).T_from_to
+                          : keyframes_.solver().pose(attitude_.node);
+  const int reference = newReference(start);
   if (reference < 0) return;
   const double extra = jump_waits_ ? config_.jump_heading : 0;
-  const int drift = keyframes_.addFactor(first ? firstAttitudeReference(kWorld, reference, config_.noise)
-                                               : attitudeDrift(attitude_.node, reference,
-                                                               std::max(age, keyframe.quality.seconds), turn,
-                                                               extra, config_.noise));
+  const int drift = keyframes_.addFactor(
+      first ? firstAttitudeReference(kWorld, reference, input.compass_off, config_.noise)
+            : attitudeDrift(attitude_.node, reference, std::max(age, keyframe.quality.seconds), turn, extra,
+                            config_.noise));
   if (!first) {
     keyframe.drift = drift;
     (void)keyframes_.addFactor(tiltAbout(kWorld, reference, turn, config_.noise));

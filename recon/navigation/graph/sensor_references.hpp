@@ -26,6 +26,7 @@ struct KeyframeInput {
   // gyro has it, whole turns counted [rad], and for how long of that the gyro
   // was silent, which added nothing to it [s]; negative: no gyro at all.
   double gyro_turn = 0, ungyro_s = -1;
+  CompassOff compass_off = {};
   double range = 2;  // from the camera to the seafloor [m]
   // Standard deviation of the DVL's scale by a speed of sound that is not measured (nav::DeadReckoning) [1].
   double sound_share = 0;

@@ -129,8 +129,16 @@ RelativePose attitudeFactor(int reference, int camera, const SE3& T_odom_cam, co
                   {noise.tilt, noise.tilt, noise.heading});
 }
 
-RelativePose firstAttitudeReference(int origin, int reference, const SensorNoise& noise) {
-  return measured(origin, reference, SE3(), all(kHeld), {noise.tilt_bias, noise.tilt_bias, noise.deviation});
+RelativePose firstAttitudeReference(int origin, int reference, const CompassOff& off,
+                                    const SensorNoise& noise) {
+  constexpr double kEnd = 0.25;
+  const auto square = [](double x) { return x * x; };
+  const double usual = square(noise.deviation), drift = square(kGyroBias * 0.5 * off.seconds),
+               here = usual + std::max(0.0, square(off.beyond_mean) - drift),
+               carried = usual + drift + square(kEnd * off.beyond_mean), both = here + carried,
+               sigma = std::sqrt(std::max(usual, here * carried / both));
+  return measured(origin, reference, SE3::fromEuler(0, 0, -off.beyond_mean * here / both, {0, 0, 0}),
+                  all(kHeld), {noise.tilt_bias, noise.tilt_bias, sigma});
 }
 
 RelativePose attitudeDrift(int before, int after, double seconds, double turn, double extra,

@@ -79,7 +79,7 @@ Survey navigated(const MissionInput& input, const TopsideConfig& config) {
 }
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kSurveyVersion = 10;
+constexpr std::uint32_t kSurveyVersion = 11;
 
 }  // namespace
 

@@ -36,6 +36,7 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
     input.compass_jumped = now.heading_leaps > before.heading_leaps;
     input.gyro_turn = now.gyro_turn - before.gyro_turn;
     input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
+    if (now.has_gyro) input.compass_off = {now.compassBeyondMean(), now.compass_off_s};
     inputs.push_back(input);
   }
   return inputs;
