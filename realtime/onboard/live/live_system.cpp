@@ -198,7 +198,7 @@ void LiveSystem::addMapperToBudget() {
   budget_.add("mapper process", planned() ? figures.planned : 0, [this] {
     MapperFigures now;
     (void)channel_.up().figures.read(now);
-    return rt::PoolUse{now.resident, now.resident, 0};
+    return rt::PoolUse{now.own, now.own, 0};
   });
 }
 

@@ -118,8 +118,10 @@ struct MapperFigures {
   rt::OverloadRule::Statistics overload;
   CheckpointWriter::Counters checkpoints;
   std::uint64_t planned = 0, resident = 0, resident_at_arming = 0;  // memory [bytes]
-  std::uint64_t heap_overflow = 0;                                  // beyond the reserve [bytes]
-  std::uint64_t minor_faults = 0;                                   // since it was armed
+  std::uint64_t own =
+      0;  // of the resident, what `planned` counts: neither files nor what it shares with the vehicle
+  std::uint64_t heap_overflow = 0;  // beyond the reserve [bytes]
+  std::uint64_t minor_faults = 0;   // since it was armed
   MapperFigures() noexcept = default;
   MapperFigures(const MapperFigures&) noexcept = default;
   MapperFigures& operator=(const MapperFigures&) noexcept = default;

@@ -186,6 +186,7 @@ void MapperRun::addMemory(MapperFigures& figures) {
   if (heap_ != nullptr) figures.heap_overflow = heap_->overflowBytes();
   if (!process_.read(process)) return;
   figures.resident = process.resident;
+  figures.own = process.resident_private;
   figures.minor_faults = process.minor_faults - faults_at_arming_;
 }
 

@@ -26,6 +26,7 @@ struct Dive {
   std::uint64_t pairs = 0, starts = 0, input_refused = 0;
   rt::ThreadCost hard_cost;
   bool mapped = false;
+  double mapper_share = 0;  // of its planned memory that it uses
 
   void run(double rate, const test::PlayedOptions& played_options = {}) {
     const fs::path mission_folder = FATHOM_REEF_MISSION;
@@ -51,6 +52,10 @@ struct Dive {
     mapped = end.mapped;
     pairs = map.pairs;
     starts = live.supervisor().mapperStarts();
+    for (std::size_t i = 0; i < live.budget().pools(); ++i)
+      if (const rt::MemoryBudget::Row row = live.budget().read(i);
+          std::string_view(row.name) == "mapper process")
+        mapper_share = static_cast<double>(row.use.used) / static_cast<double>(row.planned);
   }
 };
 
@@ -63,6 +68,8 @@ TEST(Live, recordingReplaysToTheSameBytes) {
   EXPECT_EQ(dive.starts, 1U);
   EXPECT_EQ(dive.input_refused, 0U);
   EXPECT_EQ(dive.hard_cost.heap_calls, 0U);
+  EXPECT_GT(dive.mapper_share, 0.8);
+  EXPECT_LT(dive.mapper_share, 1.1);  // what it shares with the vehicle is in other rows
 
   ReplayOptions options_again{.mission = dive.folder,
                               .config = dive.folder.string() + ".toml",
