@@ -1,5 +1,6 @@
 #include "realtime/onboard/onboard_config.hpp"
 
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <iterator>
@@ -105,6 +106,44 @@ void visitSlam(KeyVisitor& keys, OnboardConfig& config) {
   config.slot_folder = folder;
 }
 
+constexpr std::array<const char*, 3> kProfiles{"small", "usual", "large"};
+
+void take(Profile profile, OnboardConfig& c) {
+  constexpr std::size_t kMib = 1 << 20;
+  LocalisationConfig& slam = c.localisation;
+  if (profile == Profile::kSmall) {
+    c.live.memory.budget_bytes = 576 * kMib;
+    c.live.checkpoint_bytes = 64 * kMib;
+    c.stereo.max_features = 500;
+    c.map.max_tiles = 4096;
+    slam.max_keyframes = 4000;
+    slam.graph.max_links = 8000;
+    slam.graph.max_fixes = 2000;
+    slam.features = 400;
+    slam.keyframe_overlap = 0.6;
+    slam.closures_per_keyframe = 1;
+    slam.place_tries = 2;
+    slam.predictions_per_keyframe = 24;
+    c.rebuild_meshes = 3;
+  } else if (profile == Profile::kLarge) {
+    c.live.memory.budget_bytes = 1536 * kMib;
+    c.live.memory.heap_bytes = 128 * kMib;
+    c.live.checkpoint_bytes = 256 * kMib;
+    c.stereo.max_features = 1600;
+    c.map.max_level = 7;
+    c.map.max_tiles = 32768;
+    slam.max_keyframes = 16000;
+    slam.graph.max_links = 32000;
+    slam.graph.max_fixes = 8000;
+    slam.features = 1000;
+    slam.keyframe_overlap = 0.8;
+    slam.closures_per_keyframe = 4;
+    slam.place_tries = 8;
+    slam.predictions_per_keyframe = 96;
+    c.rebuild_meshes = 12;
+  }
+}
+
 }  // namespace
 
 OnboardConfig::OnboardConfig() {
@@ -113,6 +152,12 @@ OnboardConfig::OnboardConfig() {
 }
 
 void visitOnboard(KeyVisitor& keys, OnboardConfig& c, const io::MissionConfig& mission) {
+  keys.table("computer", "what the others are by default, but for those that a file sets itself", [&] {
+    const Profile before = c.profile;
+    keys.choiceOf("profile", c.profile, kProfiles,
+                  "small: four slow cores and 4 GiB; large: a finer map of more closures");
+    if (c.profile != before) take(c.profile, c);
+  });
   visitLive(keys, c.live, mission);
   keys.table("stereo", "", [&] { stereo::visitSparseStereo(keys, c.stereo); });
   keys.table("lighting", "", [&] { lighting::visitLighting(keys, c.lighting); });

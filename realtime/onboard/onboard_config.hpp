@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -13,10 +14,14 @@
 
 namespace fathom::onboard {
 
+// The vehicle's computer: what keys are by default, but for those that a file sets itself.
+enum class Profile : std::uint8_t { kSmall, kUsual, kLarge };
+
 // Everything that fathom-onboard's configuration file can set.
 struct OnboardConfig {
   OnboardConfig();
 
+  Profile profile = Profile::kUsual;
   stereo::SparseStereoConfig stereo;
   lighting::LightingConfig lighting{.memory = lighting::kOnboardMemory};
   fusion::QuadtreeConfig map;

@@ -288,6 +288,12 @@ bool compareHil(const HilComparison& comparison) {
                   {"worst_m", d.worst_m},  {"worst_rad", d.worst_rad}, {"moved_m", d.moved_m},
                   {"turn_rad", d.turn_rad}};
 
+  const double navigating_s = live["start"]["navigating_s"];
+  check("start", navigating_s > 0,
+        formatted("after the program's start: armed %.1f s, navigating %.1f s, first pair mapped %.1f s",
+                  live["start"]["armed_s"].get<double>(), navigating_s,
+                  live["start"]["first_pair_s"].get<double>()));
+
   FaultTable table(script, run, live, report, left, right);
   const std::vector<Outage> outages = outagesOf(run);
   Recorded images;

@@ -46,6 +46,24 @@ TEST_F(OnboardConfigFile, DeadReckoningTakesTheTideThatTheMissionPredicts) {
   EXPECT_THROW((void)navCoreConfig({}, mission), InputError);
 }
 
+TEST_F(OnboardConfigFile, AProfileGivesWhatTheFileDoesNotSetItself) {
+  const OnboardConfig usual = read(""), small = read("[computer]\nprofile = \"small\"\n"),
+                      mixed = read("[stereo]\nmax_features = 900\n[computer]\nprofile = \"small\"\n"),
+                      large = read("[computer]\nprofile = \"large\"\n");
+  EXPECT_EQ(read("[computer]\nprofile = \"usual\"\n").stereo.max_features, usual.stereo.max_features);
+  EXPECT_LT(small.stereo.max_features, usual.stereo.max_features);
+  EXPECT_LT(small.live.memory.budget_bytes, usual.live.memory.budget_bytes);
+  EXPECT_GT(large.stereo.max_features, usual.stereo.max_features);
+  EXPECT_GT(large.map.max_level, usual.map.max_level);
+  EXPECT_EQ(mixed.stereo.max_features, 900);
+  EXPECT_EQ(mixed.localisation.features, small.localisation.features);
+  const OnboardConfig again = read(onboardToml(mixed, {}));
+  EXPECT_EQ(again.profile, Profile::kSmall);
+  EXPECT_EQ(again.stereo.max_features, 900);
+  EXPECT_EQ(again.localisation.features, small.localisation.features);
+  EXPECT_THROW((void)read("[computer]\nprofile = \"tiny\"\n"), InputError);
+}
+
 TEST_F(OnboardConfigFile, WhatIsPrintedReadsAsTheSame) {
   const io::MissionConfig mission;
   const std::string printed = onboardToml(

@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <charconv>
+#include <fstream>
+#include <sstream>
 #include <string_view>
 
 namespace fathom::rt {
@@ -99,6 +101,18 @@ SystemFigures SystemStatus::read() const noexcept {
   if (std::from_chars(text.data(), text.data() + text.size(), load).ec == std::errc{} && !text.empty())
     figures.load = load;
   return figures;
+}
+
+double secondsSinceProgramStart() {
+  // proc(5): the fields behind the program's name in parentheses, of which the start is the 20th [ticks].
+  constexpr int kStart = 20;
+  std::ifstream stat("/proc/self/stat"), uptime("/proc/uptime");
+  std::string field;
+  std::getline(stat, field, ')');
+  double start = 0, now = 0;
+  for (int k = 0; k < kStart; ++k) stat >> field;
+  if (!(std::istringstream(field) >> start) || !(uptime >> now)) return 0;
+  return now - start / static_cast<double>(::sysconf(_SC_CLK_TCK));
 }
 
 }  // namespace fathom::rt

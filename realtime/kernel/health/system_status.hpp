@@ -40,4 +40,7 @@ class SystemStatus {
   int load_ = -1;
 };
 
+// Since this program was started, by the system's clock of 10 ms; 0 where /proc gives none [s].
+[[nodiscard]] double secondsSinceProgramStart();
+
 }  // namespace fathom::rt

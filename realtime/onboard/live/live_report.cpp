@@ -280,9 +280,11 @@ std::string timelineOf(const LiveSystem& live, std::int64_t now_ns, double secon
   return rt::traceJson("fathom-onboard", threads, from_ns, now_ns);
 }
 
-std::string liveJson(const LiveSystem& live_system, double wall_s) {
+std::string liveJson(const LiveSystem& live_system, double wall_s, const StartTimes& start) {
   nlohmann::ordered_json live;
   live["wall_s"] = wall_s;
+  live["start"] = {
+      {"armed_s", start.armed}, {"navigating_s", start.navigating}, {"first_pair_s", start.first_pair}};
   live["soft"] = live_system.config().live.realtime.soft;
   live["missing"] = live_system.arming().missingNames();
   live["parts"] = partsOf(live_system.parts());

@@ -22,6 +22,7 @@
 #include "realtime/base/files/atomic_file.hpp"
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/units.hpp"
+#include "realtime/kernel/health/system_status.hpp"
 #include "realtime/kernel/threads/arming.hpp"
 #include "realtime/kernel/threads/service_notify.hpp"
 #include "realtime/onboard/live/dive_lock.hpp"
@@ -155,14 +156,31 @@ class TraceTaker {
   std::string trace_;
 };
 
+// Notes and says what a cold start has reached.
+void lookAtStart(LiveSystem& live, StartTimes& start) {
+  const auto reached = [](double& at, const char* what) {
+    at = rt::secondsSinceProgramStart();
+    char text[100];
+    std::snprintf(text, sizeof text, "%s, %.1f s after the program's start", what, at);
+    say(text);
+  };
+  NavState nav;
+  if (start.navigating == 0 && live.hard().readForSupervisor(nav) && nav.pose_utc_ns != 0)
+    reached(start.navigating, "navigates");
+  MapState map;
+  if (start.first_pair == 0 && !live.resumed() && live.mapper().up().readMap(map) && map.pairs > 0)
+    reached(start.first_pair, "the first pair is mapped");
+}
+
 // Runs until an end is requested; returns which.
 Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleClock& clock,
-                TraceTaker* traces) {
+                TraceTaker* traces, StartTimes& start) {
   const std::int64_t begin = clock.monotonicNs();
   double next_status = kStatusEvery_s;
   while (asked == 0) {
     rt::restFor(kSupervise_ns);
     for (const std::string& event : live.supervise()) say(event);
+    lookAtStart(live, start);
     const double since_s = static_cast<double>(clock.monotonicNs() - begin) * 1e-9;
     if (traces != nullptr) traces->look(since_s);
     if (options.for_s > 0 && since_s >= options.for_s) return Asked::kEnd;
@@ -176,23 +194,25 @@ Asked watchOver(LiveSystem& live, const LiveOptions& options, const rt::VehicleC
 }
 
 // Everything about the run itself, beside what the mapper wrote; where that is missing, alone.
-void writeLiveJson(const LiveSystem& live, const std::filesystem::path& folder, double wall_s) {
+void writeLiveJson(const LiveSystem& live, const std::filesystem::path& folder, double wall_s,
+                   const StartTimes& start) {
   try {
     const std::filesystem::path onboard = io::MissionPaths(folder).onboard();
     std::filesystem::create_directories(onboard);
-    writeFile(onboard / "live.json", liveJson(live, wall_s));
+    writeFile(onboard / "live.json", liveJson(live, wall_s, start));
   } catch (const std::exception& e) {
     say(e.what());
   }
 }
 
 // How the run ended, for the operator; the exit status.
-int conclude(LiveSystem& live, const LiveOptions& options, Asked how, double wall_s) {
+int conclude(LiveSystem& live, const LiveOptions& options, Asked how, double wall_s,
+             const StartTimes& start) {
   const bool ends = how == Asked::kEnd;
   const LiveSystem::End end =
       ends ? live.end(live.config().live.realtime.end_within_s) : live.leave(kLeaveWithin_s);
   for (const std::string& line : end.left_out) say(line);
-  if (ends) writeLiveJson(live, options.folder, wall_s);
+  if (ends) writeLiveJson(live, options.folder, wall_s, start);
   std::fprintf(stderr, "%s", live.budget().table(true).c_str());
   if (!ends) {
     say("the dive is not ended: it continues when the program is started again on " +
@@ -324,10 +344,11 @@ int runLive(const LiveOptions& options) {
   const rt::CpuWakeLimit wake(config.live.realtime.cpu_wake_us);
   const std::int64_t armed_ns = clock.monotonicNs();
   TraceTaker traces(live, clock);
-  const Asked how = watchOver(live, options, clock, options.timeline ? &traces : nullptr);
+  StartTimes start{.armed = rt::secondsSinceProgramStart()};
+  const Asked how = watchOver(live, options, clock, options.timeline ? &traces : nullptr, start);
   rt::ServiceNotify::stopping();
   const std::string trace = options.timeline ? traces.take() : "";
-  const int status = conclude(live, options, how, rt::seconds(clock.monotonicNs() - armed_ns));
+  const int status = conclude(live, options, how, rt::seconds(clock.monotonicNs() - armed_ns), start);
   if (options.timeline) writeFile(*options.timeline, trace);
   if (!live.hangs()) return status;
   std::fflush(nullptr);

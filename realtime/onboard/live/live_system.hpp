@@ -36,8 +36,13 @@ struct ThreadFigures {
 };
 // Of every thread of this process, the busiest first.
 [[nodiscard]] std::vector<ThreadFigures> cpuTimes();
+// When what was reached, since the program's start; 0: not yet [s]. The first pair of a dive that is
+// continued is none of these.
+struct StartTimes {
+  double armed = 0, navigating = 0, first_pair = 0;
+};
 // live.json, when the survey has ended.
-[[nodiscard]] std::string liveJson(const LiveSystem& live_system, double wall_s);
+[[nodiscard]] std::string liveJson(const LiveSystem& live_system, double wall_s, const StartTimes& start);
 // The last `seconds` of all tiers, in Chrome's trace format; while they run.
 [[nodiscard]] std::string timelineOf(const LiveSystem& live, std::int64_t now_ns, double seconds);
 
