@@ -155,7 +155,7 @@ void visitOnboard(KeyVisitor& keys, OnboardConfig& c, const io::MissionConfig& m
   keys.table("computer", "what the others are by default, but for those that a file sets itself", [&] {
     const Profile before = c.profile;
     keys.choiceOf("profile", c.profile, kProfiles,
-                  "small: four slow cores and 4 GiB; large: a finer map of more closures");
+                  "small: four slow cores and 4 GiB; large: twice the points");
     if (c.profile != before) take(c.profile, c);
   });
   visitLive(keys, c.live, mission);

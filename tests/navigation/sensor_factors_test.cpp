@@ -45,6 +45,25 @@ double chi2(const RelativePose& factor, const SE3& from, const SE3& to) {
 const SensorNoise kNoise;
 const Eigen::Vector3d kDvl(0.1, -0.7, 0.05);  // in the camera's axes
 
+TEST(SensorFactors, TheFirstHeadingIsAMeanOfTheCompassHereAndOfTheOneThatAGyroCarries) {
+  const auto headingOf = [](const CompassOff& off) {
+    return firstAttitudeReference(kOrigin, kA, off, kNoise).T_from_to.euler().z();
+  };
+  const auto informationOf = [](const CompassOff& off) {
+    return firstAttitudeReference(kOrigin, kA, off, kNoise).information(5, 5);
+  };
+  const auto sigmaOf = [&](const CompassOff& off) {
+    return kNoise.deviation * std::sqrt(informationOf({}) / informationOf(off));
+  };
+  constexpr double kOff = 0.14;
+  EXPECT_EQ(headingOf({}), 0);
+  EXPECT_NEAR(headingOf({kOff, 60}), -0.85 * kOff, 0.1 * kOff);  // the compass here is the one that is off
+  EXPECT_GT(sigmaOf({kOff, 60}), kNoise.deviation);
+  EXPECT_LT(sigmaOf({kOff, 60}), 0.5 * kOff);
+  EXPECT_NEAR(headingOf({kOff, 3600}), 0, 0.01 * kOff);  // after an hour the gyro says nothing
+  EXPECT_NEAR(sigmaOf({kOff, 3600}), kNoise.deviation, 1e-3);
+}
+
 TEST(SensorFactors, DerivativesAreThoseOfTheResidual) {
   const SE3 a = camera(3, -2, 10, 0.7), b = camera(3.4, -1.7, 10.1, 0.9, -0.04);
   const SE3 reference = SE3::fromEuler(0.003, -0.002, 0.03, Eigen::Vector3d::Zero());
