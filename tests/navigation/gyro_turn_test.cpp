@@ -69,7 +69,7 @@ TEST(GyroTurn, AWrongCompassDoesNotBendIt) {
 }
 
 // By 8 degrees between 40 and 45 s, as over a wreck: 1.2 in the mean of all 50 s.
-TEST(GyroTurn, ShowsWhatTurnsTheCompassOnTheWay) {
+TEST(GyroTurn, ShowsWhatTurnsTheCompassUnderway) {
   std::vector<Sample> samples = samplesOf(circle, mountedConfig(), 60, {5, 10, 5, 10});
   const auto beyondMean = [&] {
     DeadReckoning nav(mountedConfig());

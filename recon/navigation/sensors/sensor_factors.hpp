@@ -113,8 +113,8 @@ class LossOfTrack {
 [[nodiscard]] RelativePose attitudeFactor(int reference, int camera, const SE3& T_odom_cam,
                                           const SensorNoise& noise);
 
-// What a compass reads beyond its mean over the way here, as a gyro carries it: what the seafloor's own field
-// does to it, beside a deviation that is another there [rad]; and the time of that mean's way [s], 0: no
+// What a compass reads beyond its mean over the path to here, as a gyro carries it: what the seafloor's own
+// field does to it, beside a deviation that is another there [rad]; and the time of that path [s], 0: no
 // gyro.
 struct CompassOff {
   double beyond_mean = 0, seconds = 0;
@@ -125,9 +125,9 @@ inline constexpr double kGyroBias = 1e-3;
 
 // The first reference: R_nav_ref is about identity, with the deviation and bias that are usual. Its heading
 // is a mean of two, the compass's here and the one carried here, by their variances: s^2 the deviation's, o
-// beyond the mean, d what the bias makes of half the way,
+// beyond the mean, d what the bias makes of half the path,
 //   here s^2 + max(0, o^2 - d^2),   carried s^2 + d^2 + (o / 4)^2,
-// the last as the way has an end in the same field.
+// the last as the path ends in the same field.
 [[nodiscard]] RelativePose firstAttitudeReference(int origin, int reference, const CompassOff& off,
                                                   const SensorNoise& noise);
 // The next one, `seconds` later and after turning by `turn` [rad]: a random walk of the error,
