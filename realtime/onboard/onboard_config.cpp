@@ -108,40 +108,34 @@ void visitSlam(KeyVisitor& keys, OnboardConfig& config) {
 
 constexpr std::array<const char*, 3> kProfiles{"small", "usual", "large"};
 
-void take(Profile profile, OnboardConfig& c) {
+// What a profile changes; the usual one is what the configurations have.
+struct ProfileValues {
+  std::size_t budget_mib, heap_mib, checkpoint_mib;
+  int corners, max_level, tiles, keyframes, features;
+  double keyframe_overlap;
+  int closures, place_tries, predictions, rebuilt;
+};
+constexpr ProfileValues kSmall{576, 72, 64, 500, 6, 4096, 4000, 400, 0.6, 1, 2, 24, 3},
+    kLarge{1536, 128, 256, 1600, 7, 32768, 16000, 1000, 0.8, 4, 8, 96, 12};
+
+void take(const ProfileValues& values, OnboardConfig& c) {
   constexpr std::size_t kMib = 1 << 20;
+  c.live.memory.budget_bytes = values.budget_mib * kMib;
+  c.live.memory.heap_bytes = values.heap_mib * kMib;
+  c.live.checkpoint_bytes = values.checkpoint_mib * kMib;
+  c.stereo.max_features = values.corners;
+  c.map.max_level = values.max_level;
+  c.map.max_tiles = values.tiles;
+  c.rebuild_meshes = values.rebuilt;
   LocalisationConfig& slam = c.localisation;
-  if (profile == Profile::kSmall) {
-    c.live.memory.budget_bytes = 576 * kMib;
-    c.live.checkpoint_bytes = 64 * kMib;
-    c.stereo.max_features = 500;
-    c.map.max_tiles = 4096;
-    slam.max_keyframes = 4000;
-    slam.graph.max_links = 8000;
-    slam.graph.max_fixes = 2000;
-    slam.features = 400;
-    slam.keyframe_overlap = 0.6;
-    slam.closures_per_keyframe = 1;
-    slam.place_tries = 2;
-    slam.predictions_per_keyframe = 24;
-    c.rebuild_meshes = 3;
-  } else if (profile == Profile::kLarge) {
-    c.live.memory.budget_bytes = 1536 * kMib;
-    c.live.memory.heap_bytes = 128 * kMib;
-    c.live.checkpoint_bytes = 256 * kMib;
-    c.stereo.max_features = 1600;
-    c.map.max_level = 7;
-    c.map.max_tiles = 32768;
-    slam.max_keyframes = 16000;
-    slam.graph.max_links = 32000;
-    slam.graph.max_fixes = 8000;
-    slam.features = 1000;
-    slam.keyframe_overlap = 0.8;
-    slam.closures_per_keyframe = 4;
-    slam.place_tries = 8;
-    slam.predictions_per_keyframe = 96;
-    c.rebuild_meshes = 12;
-  }
+  slam.max_keyframes = values.keyframes;
+  slam.graph.max_links = 2 * values.keyframes;
+  slam.graph.max_fixes = values.keyframes / 2;
+  slam.features = values.features;
+  slam.keyframe_overlap = values.keyframe_overlap;
+  slam.closures_per_keyframe = values.closures;
+  slam.place_tries = values.place_tries;
+  slam.predictions_per_keyframe = values.predictions;
 }
 
 }  // namespace
@@ -156,7 +150,7 @@ void visitOnboard(KeyVisitor& keys, OnboardConfig& c, const io::MissionConfig& m
     const Profile before = c.profile;
     keys.choiceOf("profile", c.profile, kProfiles,
                   "small: four slow cores and 4 GiB; large: twice the points");
-    if (c.profile != before) take(c.profile, c);
+    if (c.profile != before) take(c.profile == Profile::kSmall ? kSmall : kLarge, c);
   });
   visitLive(keys, c.live, mission);
   keys.table("stereo", "", [&] { stereo::visitSparseStereo(keys, c.stereo); });

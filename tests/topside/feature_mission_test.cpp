@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 
 #include <fstream>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "firmware_if/mission/feature_file.hpp"
@@ -130,17 +131,28 @@ double movePrincipalPoints(const std::filesystem::path& mission, double share) {
   return 2 * off * 2 / (rig.left.fx * rig.baseline());
 }
 
+sim::Scenario campaignDive() {
+  return sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+}
+
+// The rig as a run finds it in a simulated dive; `disturb` changes the mission before.
+nlohmann::json rigFoundIn(const sim::Scenario& scenario,
+                          const std::function<void(const std::filesystem::path& mission)>& disturb = {}) {
+  const test::TemporaryFolder folder;
+  const auto mission = folder.path() / "mission";
+  makeFeatures(scenario, mission);
+  if (disturb) disturb(mission);
+  (void)runTopside(mission, folder.path() / "topside", {});
+  return reportOf(folder.path() / "topside").at("rig");
+}
+
 // A DVL that is thirty times as noisy as it states: the ranges are not taken from the few steps that agree
 // with it by chance.
 TEST(FeatureMission, ANoisyDvlLeavesTheScaleToTheCameras) {
-  const test::TemporaryFolder folder;
-  const auto mission = folder.path() / "mission";
-  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+  sim::Scenario scenario = campaignDive();
   scenario.seed = 1129;
   scenario.sensors.dvl.velocity_sigma_mps = 0.06;
-  makeFeatures(scenario, mission);
-  (void)runTopside(mission, folder.path() / "topside", {});
-  const nlohmann::json rig = reportOf(folder.path() / "topside").at("rig");
+  const nlohmann::json rig = rigFoundIn(scenario);
   const double longer = tooLong(rig);
   std::printf("ranges too long by %.4f, %.4f claimed\n", longer, rig.at("ranges_sigma").get<double>());
   EXPECT_LT(std::abs(longer), 0.002);
@@ -159,16 +171,13 @@ TEST(FeatureMission, PrincipalPointsThatAreFarOffAreFoundByPathsAndAltitudes) {
 
 // A dive of half a minute without a straight path to speak of.
 TEST(FeatureMission, PrincipalPointsThatAreOffAreFoundInADiveThatTurnsAllTheTime) {
-  const test::TemporaryFolder folder;
-  const auto mission = folder.path() / "mission";
-  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+  sim::Scenario scenario = campaignDive();
   scenario.plan.line_length = 1;
   scenario.plan.line_spacing = 0.8;
   scenario.plan.lines = 3;
-  makeFeatures(scenario, mission);
-  const double truth = movePrincipalPoints(mission, 0.001);
-  (void)runTopside(mission, folder.path() / "topside", {});
-  const nlohmann::json found = reportOf(folder.path() / "topside").at("rig");
+  double truth = 0;
+  const nlohmann::json found = rigFoundIn(
+      scenario, [&](const std::filesystem::path& mission) { truth = movePrincipalPoints(mission, 0.001); });
   const double longer = tooLong(found);
   std::printf("%d paths: ranges too long by %.4f, %.4f in truth\n", found.at("paths").get<int>(), longer,
               truth);
@@ -177,17 +186,13 @@ TEST(FeatureMission, PrincipalPointsThatAreOffAreFoundInADiveThatTurnsAllTheTime
 
 // For most of a dive along one line: paths and altitudes are both too short, but by different shares.
 TEST(FeatureMission, ALayerInTheWaterDoesNotChangeTheRig) {
-  const test::TemporaryFolder folder;
-  const auto mission = folder.path() / "mission";
-  sim::Scenario scenario = sim::loadScenario(FATHOM_SOURCE_DIR "/sim/scenarios/campaign.toml");
+  sim::Scenario scenario = campaignDive();
   scenario.plan.lines = 1;
   scenario.plan.line_length = 8;
   scenario.plan.cross_lines = 0;
   scenario.sensors.dvl.current_north_mps = 0.15;
   scenario.sensors.dvl.false_bottom = {{48, 62}};
-  makeFeatures(scenario, mission);
-  (void)runTopside(mission, folder.path() / "topside", {});
-  const nlohmann::json rig = reportOf(folder.path() / "topside").at("rig");
+  const nlohmann::json rig = rigFoundIn(scenario);
   const double longer = tooLong(rig);
   std::printf("%d paths: ranges too long by %.4f\n", rig.at("paths").get<int>(), longer);
   EXPECT_LT(std::abs(longer), 0.01);
