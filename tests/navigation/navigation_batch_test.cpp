@@ -111,6 +111,30 @@ TEST(NavigationBatch, FindsWhatAllPositionsOfAUsblShare) {
   EXPECT_LT(worst, 0.4 * as_given);
 }
 
+// A survey of a few metres, in whose middle a reflection moves the positions by half a metre.
+TEST(NavigationBatch, AReflectionDoesNotTurnASmallSurvey) {
+  SyntheticDiveOptions options{
+      .lines = 4, .line_length = 3, .usbl_sigma = 0.15, .usbl_period = 2, .bias_from = 14};
+  NavigationConfig config;
+  config.noise = testing::syntheticNoise();
+  options.bias = {0.5, 0.25};
+  constexpr int kSurveys = 12;
+  double squares = 0;
+  for (int seed = 1; seed <= kSurveys; ++seed) {
+    options.seed = static_cast<std::uint64_t>(seed);
+    const SyntheticDive survey = makeDive(options);
+    Measured measured = measuredOf(survey, options.usbl_sigma);
+    for (NavigationFix& fix : measured.fixes)
+      fix.sigma = usblSigma(fix.sigma, options.usbl_period, config.noise);
+    const NavigationSolution solved = solve(survey, options, measured, config);
+    const std::size_t middle = solved.poses.size() / 2;
+    const double off = (solved.poses[middle] * survey.truth[middle].inverse()).euler().z(),
+                 sigma = std::sqrt(GraphCovariance(solved.graph).of(solved.nodes[middle])(5, 5));
+    squares += off * off / (sigma * sigma);
+  }
+  EXPECT_LT(std::sqrt(squares / kSurveys), 1.8);  // 2.4 if each erred by itself
+}
+
 // Before anything is solved: of a usual vehicle little more than its data sheets say.
 TEST(NavigationBatch, StepsThatImagesConfirmShowTheSensorsNoise) {
   const SyntheticDive usual = makeDive({});

@@ -349,5 +349,38 @@ TEST(Mounting, PathsThroughTurnsSayTheSame) {
   }
 }
 
+// Many series of positions whose errors have a correlation time, drawn here.
+TEST(UsblSigma, TheMeanOfUsblPositionsErrsAsTheirCorrelationAllows) {
+  const SensorNoise noise;
+  constexpr double kSigma = 0.3, kPositions = 400;
+  constexpr int kSeries = 2000;
+  for (const double period : {1.0, 5.0, 20.0}) {
+    std::mt19937_64 random(7);
+    std::normal_distribution<double> normal(0, kSigma);
+    const double alike = std::exp(-period / noise.usbl_wander_s);
+    double squares = 0;
+    for (int series = 0; series < kSeries; ++series) {
+      double error = normal(random), sum = 0;
+      for (int k = 0; k < kPositions; ++k) {
+        sum += error;
+        error = alike * error + std::sqrt(1 - alike * alike) * normal(random);
+      }
+      squares += sum * sum / (kPositions * kPositions);
+    }
+    const double claimed = usblSigma(kSigma, period, noise) / std::sqrt(kPositions);
+    EXPECT_NEAR(std::sqrt(squares / kSeries) / claimed, 1, 0.08) << period;
+  }
+}
+
+TEST(UsblSigma, AUsblPositionAfterASilenceIsNotIndependentOfThoseBeforeIt) {
+  SensorNoise noise;
+  const double usual = usblSigma(0.3, 0.5 * noise.usbl_wander_s, noise);
+  EXPECT_GT(usual, 0.3);
+  EXPECT_EQ(usblSigma(0.3, 1e9, noise), usual);
+  EXPECT_TRUE(std::isfinite(usblSigma(0.3, -5, noise)));  // stamps out of order
+  noise.usbl_wander_s = 0;
+  EXPECT_EQ(usblSigma(0.3, 1, noise), 0.3);
+}
+
 }  // namespace
 }  // namespace fathom::slam

@@ -71,6 +71,8 @@ void visitSensorNoise(KeyVisitor& keys, SensorNoise& n) {
       "what all USBL positions share: the ship's place and the sound's path, by one position's standard "
       "deviation at least unless 0. A GPS of the ship with corrections and a calibrated mounting: 0.5");
   keys.angle("usbl_turn_deg", n.usbl_turn, 0, 20, "the transceiver's mounting; a calibrated one: 0.2");
+  keys.number("usbl_wander_s", n.usbl_wander_s, "s", 0, 3600,
+              "for how long its positions err alike; 0: each by itself");
   keys.number("visual_scale", n.visual_scale, "1", 0, 0.1,
               "common scale of paths and turns of all visual links, which does not average out");
   if (keys.reads()) n.validate();

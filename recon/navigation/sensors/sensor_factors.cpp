@@ -49,10 +49,11 @@ void SensorNoise::validate() const {
                             {"unknown_turn", unknown_turn}, {"depth", depth},
                             {"gyro_walk", gyro_walk}};
   const Named not_negative[] = {
-      {"heading_lag", heading_lag}, {"deviation_drift", deviation_drift}, {"deviation_turn", deviation_turn},
-      {"tilt_turn", tilt_turn},     {"depth_offset", depth_offset},       {"tide_rate", tide_rate},
-      {"depth_drift", depth_drift}, {"visual_scale", visual_scale},       {"usbl_shift", usbl_shift},
-      {"usbl_turn", usbl_turn},     {"dvl_wander", dvl_wander},           {"dvl_wander_s", dvl_wander_s}};
+      {"heading_lag", heading_lag},  {"deviation_drift", deviation_drift}, {"deviation_turn", deviation_turn},
+      {"tilt_turn", tilt_turn},      {"depth_offset", depth_offset},       {"tide_rate", tide_rate},
+      {"depth_drift", depth_drift},  {"visual_scale", visual_scale},       {"usbl_shift", usbl_shift},
+      {"usbl_turn", usbl_turn},      {"usbl_wander_s", usbl_wander_s},     {"dvl_wander", dvl_wander},
+      {"dvl_wander_s", dvl_wander_s}};
   const auto check = [](const Named& named, bool good, const char* range) {
     if (good && std::isfinite(named.second)) return;
     std::ostringstream text;
@@ -194,6 +195,13 @@ RelativePose depthAtTide(int tide, int reference) {
 
 RelativePose levelReference(int origin, int reference) {
   return measured(origin, reference, SE3(), all(kUnknown), all(kLevel));
+}
+
+double usblSigma(double sigma, double since_s, const SensorNoise& noise) {
+  constexpr double kLeast = 1e-3, kMost = 0.5;
+  if (noise.usbl_wander_s <= 0) return sigma;
+  const double rho = std::exp(-std::clamp(since_s / noise.usbl_wander_s, kLeast, kMost));
+  return sigma * std::sqrt((1 + rho) / (1 - rho));
 }
 
 double usblShift(double sigma, const SensorNoise& noise) {

@@ -41,6 +41,8 @@ struct SensorNoise {
   // deviation at least. Shift: a ship's GPS without corrections (2 m), with its antenna's lever arm and a
   // degree of the transceiver's mounting over the 90 m to the vehicle (1.5 m). Turn: that mounting.
   double usbl_shift = 2.5, usbl_turn = 0.017;  // [m], [rad]
+  // And for so long each errs alike with those before it: the sound's path, reflections, the ship's motion.
+  double usbl_wander_s = 60;
   // Common error of scale of paths and turns of all visual links, which calibration and the lamps' shading
   // leave [1]. It does not average out, so covariances that are given out contain it.
   double visual_scale = 0.001;
@@ -162,6 +164,13 @@ inline constexpr double kGyroBias = 1e-3;
 [[nodiscard]] RelativePose depthAtTide(int tide, int reference);
 [[nodiscard]] RelativePose levelReference(int origin, int reference);
 
+// Standard deviation that a USBL's position counts with, `since_s` after the one before it, so that the mean
+// of many has the variance that it has when each errs alike with the last (a Gauss-Markov process; Bayley &
+// Hammersley 1946, effective number of independent observations): with rho = exp(-since / usbl_wander_s)
+//   s^2 (1 + rho) / (1 - rho),
+// `since_s` half of that time at most, as the sound's path stays nearly the same. Otherwise positions at ten
+// seconds by a reflection turn a survey of a few metres about.
+[[nodiscard]] double usblSigma(double sigma, double since_s, const SensorNoise& noise);
 // Where the positions of a USBL are in nav, about `T_nav_usbl`. `sigma`: of one position [m].
 [[nodiscard]] double usblShift(double sigma, const SensorNoise& noise);
 [[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma,

@@ -15,7 +15,8 @@ namespace fathom::topside {
 [[nodiscard]] std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation& navigation);
 // USBL fixes, and GPS of a vehicle that came up during the dive, each at the frame nearest to it in time.
 // What GPS said before, the anchor has.
-[[nodiscard]] std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation);
+[[nodiscard]] std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation,
+                                                       const slam::SensorNoise& noise);
 // `graph` for the mission's mounting and tide.
 [[nodiscard]] slam::NavigationConfig graphOf(const io::MissionConfig& mission, slam::NavigationConfig graph);
 // Steps that neither images (`links`) nor bottom track measure get the vehicle's velocity of the nearest

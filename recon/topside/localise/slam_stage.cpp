@@ -49,7 +49,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 20;
+constexpr std::uint32_t kLocaliseVersion = 21;
 constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
 constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
@@ -88,7 +88,7 @@ class Localisation {
         out_(std::move(begun)),
         graph_(graphOf(input.mission, config.navigation)),
         inputs_(inputsOf(frames, survey.navigation)),
-        fixes_(fixesOf(frames, survey.navigation)),
+        fixes_(fixesOf(frames, survey.navigation, graph_.noise)),
         search_(input.rig, frames, graph_.noise.visual_scale, graph_.rig),
         links_(std::move(odometry)) {
     bridge(inputs_, fixes_, links_, graph_.noise.unknown_velocity);
@@ -281,13 +281,13 @@ Digest localiseKey(const MissionInput& input, const TopsideConfig& config, const
   addRig(hasher, input);
   addNavigationSettings(hasher, config);
   const slam::SensorNoise& n = config.navigation.noise;
-  static_assert(sizeof n == 200);  // a new setting belongs here too
+  static_assert(sizeof n == 208);  // a new setting belongs here too
   hasher.add(config.slam, config.bundle, config.slam_features, config.slam_candidates,
              config.navigation.turned_sigmas, n.dvl_velocity, n.dvl_rate, n.dvl_scale, n.dvl_heading,
              n.dvl_place, n.unknown_velocity, n.heading, n.heading_lag, n.tilt, n.deviation,
              n.deviation_drift, n.deviation_turn, n.tilt_bias, n.tilt_turn, n.unknown_turn, n.gyro_walk,
              n.depth, n.depth_offset, n.depth_drift, n.tide_rate, n.usbl_shift, n.usbl_turn, n.visual_scale,
-             n.dvl_wander, n.dvl_wander_s);
+             n.dvl_wander, n.dvl_wander_s, n.usbl_wander_s);
   if (input.control) hasher.add("control", input.control_identity);
   const slam::RigPrior& open = config.navigation.rig;
   hasher.add(open.scale, open.principal_point, open.turn, open.curl, open.spin, open.ground_tilt,
