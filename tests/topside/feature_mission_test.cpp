@@ -111,6 +111,16 @@ TEST(FeatureMission, AnAttitudeSensorThatLagsIsDistinguishedFromLateImages) {
   EXPECT_EQ(images.at("attitude_late_s"), 0);
 }
 
+// By less than what their steps tell apart beyond doubt: what filters is late, and nothing is early.
+TEST(FeatureMission, AShortLagIsTheAttitudeSensors) {
+  for (const double late_s : {0.1, 0.2, 0.3}) {
+    const nlohmann::json timing = timingWith(late_s, 0);
+    ASSERT_FALSE(timing.is_null()) << late_s;
+    EXPECT_NEAR(timing.at("attitude_late_s").get<double>(), late_s, 0.16) << late_s;  // 0.08 measured
+    EXPECT_EQ(timing.at("images_late_s"), 0) << late_s;
+  }
+}
+
 void makeFeatures(const sim::Scenario& scenario, const std::filesystem::path& mission) {
   (void)sim::makeMission(scenario,
                          {.out = mission, .force = false, .threads = 0, .features = true, .progress = {}});

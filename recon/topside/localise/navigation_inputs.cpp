@@ -161,6 +161,7 @@ std::ptrdiff_t posesKnown(const Navigation& navigation) {
 std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
                                const FeatureStore& features, const std::vector<slam::NavigationLink>& links) {
   constexpr double kSigmas = 4, kLeast = 0.05, kMost = 3;  // of an offset that counts [s]
+  constexpr double kDecisive = 4;                          // of Cauchy's cost of all steps
   constexpr int kRounds = 3;                               // a long lag shows too small at first
   const auto mountingBy = [&](const Navigation& navigation) {
     Survey with;
@@ -175,6 +176,9 @@ std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& c
   // A shift that is right does at least half of what the offset promises, which is of first order alone.
   double least = 0.5 * (given.misfit + given.misfit_unshifted);
   for (double SensorTiming::*const what : {&SensorTiming::attitude_late, &SensorTiming::images_late}) {
+    // A compass filters its readings, which makes them late; images have a trigger's stamps, and are off
+    // beyond doubt or not.
+    if (best && best->timing.attitude_late > 0) least -= kDecisive / given.steps;
     slam::Mounting seen = given;
     SensorTiming timing;
     for (int round = 0; round < kRounds; ++round) {
