@@ -218,22 +218,11 @@ std::vector<UncertainView> LocalisationCore::views() {
 void LocalisationCore::addKeyframe(const LocalisationInput& input, const Looked& looked) {
   const closure::FrameFeatures& found = looked.features;
   if (found.size() == 0) ++counters_.frames_without_features;
-  slam::KeyframeInput keyframe;
+  auto keyframe = slam::KeyframeInput::between(last_quality_, input.quality);
   keyframe.utc_ns = input.utc_ns;
   keyframe.range = input.range;
   keyframe.T_odom_cam = input.T_odom_cam;
   keyframe.unlocked_s = loss_.add(input.quality.unlocked_s - last_quality_.unlocked_s);
-  keyframe.sound_share = input.quality.sound_share;
-  keyframe.untilted_s = input.quality.untilted_s - last_quality_.untilted_s;
-  keyframe.attitude_held = input.quality.attitude_held;
-  keyframe.depth_held = input.quality.depth_held;
-  keyframe.pressure_off = input.quality.pressure_off;
-  keyframe.pressure_sigma = input.quality.pressure_sigma;
-  keyframe.compass_jumped = input.quality.heading_leaps > last_quality_.heading_leaps;
-  keyframe.gyro_turn = input.quality.gyro_turn - last_quality_.gyro_turn;
-  keyframe.ungyro_s = input.quality.has_gyro ? input.quality.ungyro_s - last_quality_.ungyro_s : -1;
-  if (input.quality.has_gyro)
-    keyframe.compass_off = {input.quality.compassBeyondMean(), input.quality.compass_off_s};
   const auto number = graph_.addKeyframe(keyframe);
   noteRetired();
   if (!number) return;

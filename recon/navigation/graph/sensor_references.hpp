@@ -30,6 +30,25 @@ struct KeyframeInput {
   double range = 2;  // from the camera to the seafloor [m]
   // Standard deviation of the DVL's scale by a speed of sound that is not measured (nav::DeadReckoning) [1].
   double sound_share = 0;
+
+  // What dead reckoning says of its sensors (nav::DeadReckoning::Quality) at the last keyframe and at this
+  // one. The rest is the caller's: time, pose, range, and bottom track, which images may contradict.
+  template <typename Quality>
+  [[nodiscard]] static KeyframeInput between(const Quality& before, const Quality& now) {
+    KeyframeInput input;
+    input.untilted_s = now.untilted_s - before.untilted_s;
+    input.attitude_held = now.attitude_held;
+    input.depth_held = now.depth_held;
+    input.pressure_off = now.pressure_off;
+    input.pressure_sigma = now.pressure_sigma;
+    input.compass_jumped = now.heading_leaps > before.heading_leaps;
+    input.sound_share = now.sound_share;
+    if (!now.has_gyro) return input;
+    input.gyro_turn = now.gyro_turn - before.gyro_turn;
+    input.ungyro_s = now.ungyro_s - before.ungyro_s;
+    input.compass_off = {now.compassBeyondMean(), now.compass_off_s};
+    return input;
+  }
 };
 
 // References of attitude (compass deviation, bias of roll and pitch) and of depth (tide) of a navigation

@@ -20,23 +20,12 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
   for (std::size_t k = 0; k < frames.pair.size(); ++k) {
     const NavigatedPose& pose = navigation.poses[frames.pair[k]];
     const NavigatedPose& last = navigation.poses[frames.pair[k == 0 ? 0 : k - 1]];
-    const nav::DeadReckoning::Quality &before = last.quality, &now = pose.quality;
-    slam::KeyframeInput input;
+    auto input = slam::KeyframeInput::between(last.quality, pose.quality);
     input.utc_ns = pose.utc_ns;
     input.T_odom_cam = frames.reckoned[k];
     const bool of_ground = !frames.false_bottom[k] && (k == 0 || !frames.false_bottom[k - 1]);
-    input.unlocked_s =
-        loss.add(of_ground ? now.unlocked_s - before.unlocked_s : rt::seconds(pose.utc_ns - last.utc_ns));
-    input.sound_share = now.sound_share;
-    input.untilted_s = now.untilted_s - before.untilted_s;
-    input.attitude_held = now.attitude_held;
-    input.depth_held = now.depth_held;
-    input.pressure_off = now.pressure_off;
-    input.pressure_sigma = now.pressure_sigma;
-    input.compass_jumped = now.heading_leaps > before.heading_leaps;
-    input.gyro_turn = now.gyro_turn - before.gyro_turn;
-    input.ungyro_s = now.has_gyro ? now.ungyro_s - before.ungyro_s : -1;
-    if (now.has_gyro) input.compass_off = {now.compassBeyondMean(), now.compass_off_s};
+    input.unlocked_s = loss.add(of_ground ? pose.quality.unlocked_s - last.quality.unlocked_s
+                                          : rt::seconds(pose.utc_ns - last.utc_ns));
     inputs.push_back(input);
   }
   return inputs;
