@@ -228,7 +228,7 @@ TEST(NavigationBatch, DoubtsAClosureOfFewFeaturesSooner) {
     return off.kept;
   };
   EXPECT_TRUE(keptWith(50));
-  EXPECT_FALSE(keptWith(18));
+  EXPECT_FALSE(keptWith(38));
 }
 
 // The compass leaps while the DVL is dead, which visual odometry alone shows [s], [rad].

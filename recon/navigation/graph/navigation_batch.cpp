@@ -93,7 +93,7 @@ class RobustBatch {
 
   // A closure of few features is false more often than one of many, and says less where it is right.
   [[nodiscard]] double gateOf(const NavigationLink& link) const {
-    constexpr int kFew = 25;
+    constexpr int kFew = 40;
     constexpr double kShare = 0.47;  // 99.9 % become 90 % of chi-square with 6 degrees of freedom
     return (link.inliers < kFew ? kShare : 1) * config_.gate;
   }
