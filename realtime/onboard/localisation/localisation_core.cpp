@@ -134,10 +134,7 @@ void LocalisationCore::setAnchor(nav::FixKind kind, const Eigen::Vector2d& shift
 
 void LocalisationCore::addFix(nav::FixKind kind, std::int64_t utc_ns, const Eigen::Vector3d& antenna_in_odom,
                               const Eigen::Vector2d& north_east, double sigma) {
-  if (kind == nav::FixKind::kUsbl) {
-    sigma = slam::usblSigma(sigma, rt::seconds(utc_ns - last_usbl_ns_), config_.graph.noise);
-    last_usbl_ns_ = utc_ns;
-  }
+  if (kind == nav::FixKind::kUsbl) sigma = usbl_wander_.add(utc_ns, sigma, config_.graph.noise);
   if (fixes_.pushDroppingOldest({kind, utc_ns, antenna_in_odom, north_east, sigma}))
     ++counters_.fixes_dropped;
 }

@@ -161,7 +161,7 @@ class LocalisationCore {
   slam::NavigationGraph graph_;
   OnlineClosureSearch search_;
   rt::FixedQueue<Fix, kFixes> fixes_;
-  std::int64_t last_usbl_ns_ = 0;             // time of its last position
+  slam::UsblWander usbl_wander_;
   nav::DeadReckoning::Quality last_quality_;  // at the last keyframe
   double last_unlocked_s_ = 0;                // at the last frame
   slam::LossOfTrack loss_;                    // at the last keyframe

@@ -116,8 +116,8 @@ bool OnlineClosureSearch::load(rt::StateReader& reader) {
 template <typename Archive, typename Self>
 void LocalisationCore::exchange(Archive& archive, Self& self) {
   archive(self.selection_, self.features_, self.fixes_, self.last_quality_);
-  archive.instants(self.last_usbl_ns_);
-  archive(self.last_unlocked_s_, self.loss_, self.position_sigma_, self.renew_, self.renew_end_);
+  archive(self.usbl_wander_, self.last_unlocked_s_, self.loss_, self.position_sigma_, self.renew_,
+          self.renew_end_);
   archive(self.renew_from_, self.seen_through_, self.curl_, self.curl_sigma_);
   archive.require(self.seen_through_ >= 0 && self.seen_through_ <= self.rigs_.newest(),
                   "visual odometry seen through no rig");

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "realtime/base/numbers/portable_math.hpp"
+#include "realtime/base/units.hpp"
 
 namespace fathom::slam {
 namespace {
@@ -202,6 +203,12 @@ double usblSigma(double sigma, double since_s, const SensorNoise& noise) {
   if (noise.usbl_wander_s <= 0) return sigma;
   const double rho = std::exp(-std::clamp(since_s / noise.usbl_wander_s, kLeast, kMost));
   return sigma * std::sqrt((1 + rho) / (1 - rho));
+}
+
+double UsblWander::add(std::int64_t utc_ns, double sigma, const SensorNoise& noise) {
+  const double since_s = rt::seconds(utc_ns - last_ns_);
+  last_ns_ = utc_ns;
+  return usblSigma(sigma, since_s, noise);
 }
 
 double usblShift(double sigma, const SensorNoise& noise) {

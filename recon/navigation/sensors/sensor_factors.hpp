@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 
 #include "recon/geometry/se3.hpp"
 #include "recon/solver/pose_graph.hpp"
@@ -171,6 +172,16 @@ inline constexpr double kGyroBias = 1e-3;
 // `since_s` half of that time at most, as the sound's path stays nearly the same. Otherwise positions at ten
 // seconds by a reflection turn a survey of a few metres about.
 [[nodiscard]] double usblSigma(double sigma, double since_s, const SensorNoise& noise);
+// The same for the positions of a dive as they come.
+class UsblWander {
+ public:
+  double add(std::int64_t utc_ns, double sigma, const SensorNoise& noise);
+
+  static void exchange(auto& archive, auto& self) { archive.instants(self.last_ns_); }
+
+ private:
+  std::int64_t last_ns_ = 0;
+};
 // Where the positions of a USBL are in nav, about `T_nav_usbl`. `sigma`: of one position [m].
 [[nodiscard]] double usblShift(double sigma, const SensorNoise& noise);
 [[nodiscard]] RelativePose usblFrame(int origin, int usbl, const SE3& T_nav_usbl, double sigma,

@@ -34,7 +34,7 @@ std::vector<slam::KeyframeInput> inputsOf(const Frames& frames, const Navigation
 std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation& navigation,
                                          const slam::SensorNoise& noise) {
   std::vector<slam::NavigationFix> fixes;
-  std::int64_t last_usbl_ns = 0;
+  slam::UsblWander wander;
   for (const FixSeen& seen : navigation.fixes) {
     const bool before = seen.utc_ns < navigation.poses[frames.pair.front()].utc_ns;
     if (seen.kind == nav::FixKind::kGps && before) continue;
@@ -49,12 +49,8 @@ std::vector<slam::NavigationFix> fixesOf(const Frames& frames, const Navigation&
     fix.frame = static_cast<int>(k);
     fix.antenna_in_odom = seen.receiver;
     fix.north_east = seen.north_east;
-    fix.sigma = seen.sigma;
     fix.by_usbl = seen.kind == nav::FixKind::kUsbl;
-    if (fix.by_usbl) {
-      fix.sigma = slam::usblSigma(seen.sigma, rt::seconds(seen.utc_ns - last_usbl_ns), noise);
-      last_usbl_ns = seen.utc_ns;
-    }
+    fix.sigma = fix.by_usbl ? wander.add(seen.utc_ns, seen.sigma, noise) : seen.sigma;
     fixes.push_back(fix);
   }
   return fixes;
