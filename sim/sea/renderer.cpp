@@ -94,7 +94,6 @@ struct RadianceImage {
 struct Renderer::Impl {
   const SeaTerrain& terrain;
   OpticsConfig optics;
-  SurfaceDetail detail;
   MovingObjects moving;
   ImageSensor sensor;
   CameraView views[2];
@@ -103,7 +102,6 @@ struct Renderer::Impl {
   Impl(const SeaTerrain& t, const OpticsConfig& o, const StereoRig& rig, const SE3& T_body_cam)
       : terrain(t),
         optics(o),
-        detail(SurfaceDetail::of(t.config())),
         moving(t.config(), t.surface()),
         sensor(o.sensor),
         views{makeView(rig.left, T_body_cam, o.sensor.left_format),
@@ -289,7 +287,7 @@ std::vector<float> Renderer::Impl::electrons(const SE3& T_nav_body, double time_
   const std::unique_ptr<SurfaceScene> objects = moving.near(eye, kMovingRadius, time_s);
   Shot shot{bed,
             objects.get(),
-            detail,
+            terrain.detail(),
             light.attenuation,
             light.backscatter,
             daylight,

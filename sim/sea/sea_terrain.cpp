@@ -70,6 +70,7 @@ void loadSurface(const TerrainConfig& config, SurfaceScene& scene) {
 
 SeaTerrain::SeaTerrain(const TerrainConfig& config) : config_(config) {
   validate(config);
+  detail_ = std::make_unique<const SurfaceDetail>(SurfaceDetail::of(config));
   surface_ = std::make_unique<SurfaceScene>(
       Eigen::Vector3d(config.centre_north_m, config.centre_east_m, config.base_depth_m));
   if (config.kind == TerrainKind::kMesh) {
@@ -97,14 +98,13 @@ std::optional<double> SeaTerrain::depthAt(double north_m, double east_m) const {
 Mesh SeaTerrain::mesh() const {
   Mesh mesh = surface_->mesh();
   if (config_.albedo_images.empty()) return mesh;
-  const SurfaceDetail photographed = SurfaceDetail::of(config_);
   const auto footprint_m = static_cast<float>(config_.grid_spacing_m);
   const Eigen::Vector3f origin = surface_->origin().cast<float>();
   computeNormals(mesh);
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
     SurfacePoint point;
     point.normal = mesh.normals[i];
-    photographed.apply(mesh.vertices[i] - origin, footprint_m, point);
+    detail_->apply(mesh.vertices[i] - origin, footprint_m, point);
     mesh.colours[i] = srgbFromLinear(Eigen::Vector3f(point.albedo.data()).cast<double>());
   }
   mesh.normals.clear();

@@ -10,6 +10,7 @@
 
 namespace fathom::sim {
 
+class SurfaceDetail;
 class SurfaceScene;
 
 // The true seafloor: coloured triangles in nav (north, east, down, [m]) with ray queries (Embree). Immutable
@@ -38,9 +39,11 @@ class SeaTerrain {
 
   // For the renderer.
   [[nodiscard]] const SurfaceScene& surface() const { return *surface_; }
+  [[nodiscard]] const SurfaceDetail& detail() const { return *detail_; }
 
  private:
   std::unique_ptr<SurfaceScene> surface_;
+  std::unique_ptr<const SurfaceDetail> detail_;
   TerrainConfig config_;
 };
 

@@ -42,9 +42,13 @@ TextureImage flattened(const std::filesystem::path& path) {
   cv::cvtColor(image, image, cv::COLOR_BGR2RGB);
   cv::Mat linear(image.size(), CV_32FC3);
   std::transform(image.datastart, image.dataend, linear.ptr<float>(), linearFromSrgb);
+  // So smooth a light needs few pixels.
+  constexpr int kColumns = 128;
   cv::Mat light, gray;
   cv::cvtColor(linear, gray, cv::COLOR_RGB2GRAY);
-  cv::GaussianBlur(gray, light, {}, kLightSize * image.cols);
+  cv::resize(gray, light, {kColumns, std::max(1, kColumns * image.rows / image.cols)}, 0, 0, cv::INTER_AREA);
+  cv::GaussianBlur(light, light, {}, kLightSize * kColumns);
+  cv::resize(light, light, gray.size(), 0, 0, cv::INTER_LINEAR);
   const double mean = cv::mean(gray)[0];
   std::vector<std::uint8_t> rgb(3 * image.total());
   for (std::size_t k = 0; k < rgb.size(); ++k)
