@@ -15,7 +15,9 @@ namespace {
 constexpr double kSigmas = 3.0;         // width of a gate
 constexpr int kAgreeing = 2;            // neighbours that confirm a point
 constexpr double kAgreeingSlope = 1.0;  // tangent of the steepest slope to a confirming neighbour: 45 degrees
-constexpr int kTriangleLinks = 6;       // entries in the lists of neighbours for each triangle
+constexpr std::size_t kFew = 4;         // corners a point, with more of which a match may be chance
+constexpr std::size_t kBeyondChance = 20;  // so many points that agree are none
+constexpr int kTriangleLinks = 6;          // entries in the lists of neighbours for each triangle
 
 // Fish. Sloping flanks of boulders stay joined; a fish 0.3 m above the floor does not join it across the
 // usual 5 to 10 cm between corners.
@@ -68,6 +70,7 @@ void DepthConsistency::check(const DepthConsistencyConfig& config, std::span<con
     nodes_.push_back({position, position / range, range, 1.0 / position.z(), sigma * sigma, false});
   }
   linkNeighbours(triangles);
+  if (config.few) dropChance(verdicts);
   dropMismatches(verdicts);
   if (config.max_fish_length > 0) dropFish(config, verdicts);
   dropPatches(config, verdicts);
@@ -105,18 +108,36 @@ bool DepthConsistency::onSurface(const Node& a, const Node& b, double tangent) c
   return along - kSigmas * std::sqrt(a.variance + b.variance) <= tangent * across;
 }
 
+int DepthConsistency::agreeing(std::uint32_t i) const {
+  const auto all = neighbours(i);
+  return static_cast<int>(std::count_if(all.begin(), all.end(), [&](std::uint32_t k) {
+    return onSurface(nodes_[i], nodes_[k], kAgreeingSlope);
+  }));
+}
+
+void DepthConsistency::dropChance(std::vector<Verdict>& verdicts) {
+  std::size_t confirmed = 0;
+  for (std::uint32_t i = 0; i < nodes_.size(); ++i) {
+    const int agree = agreeing(i);
+    if (agree >= kAgreeing && 2 * agree >= static_cast<int>(neighbours(i).size()))
+      ++confirmed;
+    else
+      verdicts[i] = Verdict::kMismatch;
+  }
+  if (confirmed < kBeyondChance || 2 * confirmed < nodes_.size())
+    std::fill(verdicts.begin(), verdicts.end(), Verdict::kMismatch);
+}
+
 void DepthConsistency::dropMismatches(std::vector<Verdict>& verdicts) {
-  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+  for (std::uint32_t i = 0; i < nodes_.size(); ++i) {
     const Node& own = nodes_[i];
     values_.clear();
-    int agreeing = 0;
     double variance = 0;
     for (const std::uint32_t k : neighbours(i)) {
       values_.push_back(nodes_[k].inverse_depth);
       variance += nodes_[k].variance;
-      agreeing += onSurface(own, nodes_[k], kAgreeingSlope) ? 1 : 0;
     }
-    if (values_.empty() || agreeing >= kAgreeing) continue;
+    if (values_.empty() || agreeing(i) >= kAgreeing) continue;
     const double sigma = std::sqrt(own.variance + variance / static_cast<double>(values_.size())) *
                          own.inverse_depth * own.inverse_depth;
     const double middle = median(std::span(values_));
@@ -210,7 +231,8 @@ const std::vector<Delaunay::Triangle>& LocalMesh::triangulatePixels(const Stereo
 
 void LocalMesh::dropOutliers(const SparseStereoConfig& limits, StereoResult& result) {
   using Verdict = DepthConsistency::Verdict;
-  consistency_.check({limits.max_slope, limits.min_patch_points, limits.max_fish_length}, result.points,
+  const bool few = kFew * result.points.size() < result.corners;
+  consistency_.check({limits.max_slope, limits.min_patch_points, limits.max_fish_length, few}, result.points,
                      triangulatePixels(result), verdicts_);
   std::size_t kept = 0;
   for (std::size_t i = 0; i < verdicts_.size(); ++i) {

@@ -17,20 +17,25 @@ struct DepthConsistencyConfig {
   double max_slope = 1.4;        // steepest surface, angle between its normal and the line of sight [rad]
   int min_patch_points = 6;      // an isolated patch of fewer points is dropped
   double max_fish_length = 0.6;  // longest group of points that can be an object in mid-water [m]; 0: none
+  bool few = false;              // most corners found no match: those that did may be chance
 };
 
 // Finds outliers of a stereo frame: points with a depth that contradicts their neighbours in the triangulated
 // image. Every comparison allows for three standard deviations of the points.
-// 1. Mismatches: the inverse depth differs from the median of the neighbours' by more than three standard
+// 1. Chance, where most corners found no match: in silt a window looks like another one here and there, at
+// any
+//    depth. Two neighbours, and half of all, must agree with a point; where fewer than 20 or than half of the
+//    points have such neighbours, none is kept.
+// 2. Mismatches: the inverse depth differs from the median of the neighbours' by more than three standard
 //    deviations and three times their median absolute deviation, and fewer than two neighbours agree with it
 //    (at the edge of a coral head, points on either side have neighbours at their own depth).
-// 2. Fish: points are joined where the edge between them is less steep than 63 degrees. A group is an
+// 3. Fish: points are joined where the edge between them is less steep than 63 degrees. A group is an
 //    object in mid-water when the image shows water all round it: it has no point on or beside the outline of
 //    the triangulation, and nine in ten of the edges that leave it step down, by at least 0.15 m and by the
 //    group's own width. It has at most a quarter of the points and is no longer than max_fish_length. (A
 //    boulder or coral head is as wide as it is high or touches the ground on one side; the edge of a drop-off
 //    reaches the image's border.)
-// 3. Patches: points are joined where the edge between them is no steeper than max_slope; a group of
+// 4. Patches: points are joined where the edge between them is no steeper than max_slope; a group of
 //    fewer than min_patch_points is a cluster of mismatches or a fish with few corners.
 // Cost: linear in the number of points.
 class DepthConsistency {
@@ -62,12 +67,14 @@ class DepthConsistency {
   };
 
   void linkNeighbours(std::span<const std::array<std::uint32_t, 3>> triangles);
+  void dropChance(std::vector<Verdict>& verdicts);
   void dropMismatches(std::vector<Verdict>& verdicts);
   void dropFish(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts);
   void dropPatches(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts);
   // Groups kept points that are joined by edges up to the slope of this tangent; group_[i]: the group's
   // first point.
   void join(double tangent, const std::vector<Verdict>& verdicts);
+  [[nodiscard]] int agreeing(std::uint32_t i) const;  // of the point's neighbours
   [[nodiscard]] bool onSurface(const Node& a, const Node& b, double tangent) const;
   [[nodiscard]] std::span<const std::uint32_t> neighbours(std::size_t i) const {
     return {neighbours_.data() + first_[i], last_[i] - first_[i]};

@@ -206,5 +206,16 @@ INSTANTIATE_TEST_SUITE_P(Kinds, SnowOf,
                                          Snow{"HeavySeenByBoth", 400, 1.0}, Snow{"HeavySeenByOne", 400, 0.0}),
                          [](const auto& instance) { return instance.param.name; });
 
+// Where silt hides the floor, specks that look like each other match here and there.
+TEST(SparseStereo, SnowBeforeAHiddenFloorIsNoGround) {
+  const SyntheticScene scene(croppedRig(kFishWidth, kFishHeight), {floorSheet()});
+  SparseStereo stereo(scene.rig(), {.max_features = 600});
+  for (const Snow& snow : {Snow{"", 400, 0.0}, Snow{"", 1600, 0.0}, Snow{"", 1600, 0.5}}) {
+    auto [left, right] = scene.render({0.0, 60.0, 2.0}, {0.0, 60.0, 3.0});
+    addSnow(scene.rig(), snow, left, right);
+    EXPECT_EQ(stereo.process(left.view(), right.view(), {}).points.size(), 0U) << snow.specks;
+  }
+}
+
 }  // namespace
 }  // namespace fathom::stereo
