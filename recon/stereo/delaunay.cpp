@@ -9,6 +9,7 @@ namespace {
 
 __extension__ using Wide = __int128;
 
+constexpr std::size_t kTriangleLinks = 6;    // entries in the lists of neighbours for each triangle
 constexpr int kFarPoints = 3;                // that enclose the given ones
 constexpr std::int32_t kSmall = 1 << 14;     // below it 64 bits hold the circle test: 2 (14 + 14) + 1 + 2
 constexpr std::size_t kBucketsPerPoint = 2;  // at most
@@ -171,6 +172,37 @@ const std::vector<Delaunay::Triangle>& Delaunay::triangulate(std::span<const Poi
                           static_cast<std::uint32_t>(f.vertex[2])});
   }
   return triangles_;
+}
+
+TriangleLinks::TriangleLinks(std::size_t max_points) {
+  first_.reserve(max_points + 1);
+  last_.reserve(max_points);
+  neighbours_.reserve(2 * kTriangleLinks * max_points);
+  outline_.reserve(max_points);
+}
+
+void TriangleLinks::build(std::size_t points, std::span<const Delaunay::Triangle> triangles) {
+  first_.assign(points + 1, 0);
+  for (const auto& t : triangles)
+    for (const std::uint32_t v : t) first_[v + 1] += kTriangleLinks / 3;
+  std::partial_sum(first_.begin(), first_.end(), first_.begin());
+  last_.assign(first_.begin(), first_.end() - 1);
+  neighbours_.resize(triangles.size() * kTriangleLinks);
+  outline_.resize(points);
+  for (const auto& t : triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      neighbours_[last_[t[i]]++] = t[(i + 1) % 3];
+      neighbours_[last_[t[i]]++] = t[(i + 2) % 3];
+    }
+  }
+  // Each neighbour occurs twice, once for each triangle at the edge to it; on the outline once.
+  for (std::size_t i = 0; i < points; ++i) {
+    const auto begin = neighbours_.begin() + first_[i], end = neighbours_.begin() + last_[i];
+    std::sort(begin, end);
+    const auto unique_end = std::unique(begin, end);
+    outline_[i] = 2 * (unique_end - begin) != end - begin || begin == end ? 1 : 0;
+    last_[i] = static_cast<std::uint32_t>(unique_end - neighbours_.begin());
+  }
 }
 
 }  // namespace fathom::stereo

@@ -55,4 +55,24 @@ class Delaunay {
   std::vector<Triangle> triangles_;
 };
 
+// Which points share an edge of a triangulation.
+class TriangleLinks {
+ public:
+  // Reserves the memory for this many points.
+  explicit TriangleLinks(std::size_t max_points);
+
+  // Replaces the links by those of `triangles`, of indices below `points`.
+  void build(std::size_t points, std::span<const Delaunay::Triangle> triangles);
+
+  [[nodiscard]] std::span<const std::uint32_t> neighbours(std::size_t i) const {
+    return {neighbours_.data() + first_[i], last_[i] - first_[i]};
+  }
+  [[nodiscard]] bool onOutline(std::size_t i) const { return outline_[i] != 0; }  // or without any triangle
+
+ private:
+  std::vector<std::uint32_t> first_, last_;  // of each point's neighbours, and one past them
+  std::vector<std::uint32_t> neighbours_;
+  std::vector<std::uint8_t> outline_;
+};
+
 }  // namespace fathom::stereo

@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "realtime/base/numbers/order_statistics.hpp"
 #include "realtime/base/numbers/portable_math.hpp"
@@ -17,7 +16,6 @@ constexpr int kAgreeing = 2;            // neighbours that confirm a point
 constexpr double kAgreeingSlope = 1.0;  // tangent of the steepest slope to a confirming neighbour: 45 degrees
 constexpr std::size_t kFew = 4;         // corners a point, with more of which a match may be chance
 constexpr std::size_t kBeyondChance = 20;  // so many points that agree are none
-constexpr int kTriangleLinks = 6;          // entries in the lists of neighbours for each triangle
 
 // Fish. Sloping flanks of boulders stay joined; a fish 0.3 m above the floor does not join it across the
 // usual 5 to 10 cm between corners.
@@ -48,11 +46,8 @@ bool spansHidden(const ImageMask& mask, const Eigen::Vector2f& a, const Eigen::V
 
 }  // namespace
 
-DepthConsistency::DepthConsistency(std::size_t max_points) {
+DepthConsistency::DepthConsistency(std::size_t max_points) : links_(max_points) {
   nodes_.reserve(max_points);
-  first_.reserve(max_points + 1);
-  last_.reserve(max_points);
-  neighbours_.reserve(2 * kTriangleLinks * max_points);
   values_.reserve(max_points);
   joined_.reserve(max_points);
   group_.reserve(max_points);
@@ -67,37 +62,13 @@ void DepthConsistency::check(const DepthConsistencyConfig& config, std::span<con
   for (const StereoPoint& p : points) {
     const Eigen::Vector3d position = p.point.cast<double>();
     const double range = position.norm(), sigma = static_cast<double>(p.sigma_z) * range / position.z();
-    nodes_.push_back({position, position / range, range, 1.0 / position.z(), sigma * sigma, false});
+    nodes_.push_back({position, position / range, range, 1.0 / position.z(), sigma * sigma});
   }
-  linkNeighbours(triangles);
+  links_.build(points.size(), triangles);
   if (config.few) dropChance(verdicts);
   dropMismatches(verdicts);
   if (config.max_fish_length > 0) dropFish(config, verdicts);
   dropPatches(config, verdicts);
-}
-
-void DepthConsistency::linkNeighbours(std::span<const std::array<std::uint32_t, 3>> triangles) {
-  const std::size_t n = nodes_.size();
-  first_.assign(n + 1, 0);
-  for (const auto& t : triangles)
-    for (const std::uint32_t v : t) first_[v + 1] += kTriangleLinks / 3;
-  std::partial_sum(first_.begin(), first_.end(), first_.begin());
-  last_.assign(first_.begin(), first_.end() - 1);
-  neighbours_.resize(triangles.size() * kTriangleLinks);
-  for (const auto& t : triangles) {
-    for (std::size_t i = 0; i < 3; ++i) {
-      neighbours_[last_[t[i]]++] = t[(i + 1) % 3];
-      neighbours_[last_[t[i]]++] = t[(i + 2) % 3];
-    }
-  }
-  // Each neighbour occurs twice, once for each triangle at the edge to it; on the outline once.
-  for (std::size_t i = 0; i < n; ++i) {
-    const auto begin = neighbours_.begin() + first_[i], end = neighbours_.begin() + last_[i];
-    std::sort(begin, end);
-    const auto unique_end = std::unique(begin, end);
-    nodes_[i].outline = 2 * (unique_end - begin) != end - begin || begin == end;
-    last_[i] = static_cast<std::uint32_t>(unique_end - neighbours_.begin());
-  }
 }
 
 // Whether an edge between two points can be on a surface up to the slope of this tangent.
@@ -109,7 +80,7 @@ bool DepthConsistency::onSurface(const Node& a, const Node& b, double tangent) c
 }
 
 int DepthConsistency::agreeing(std::uint32_t i) const {
-  const auto all = neighbours(i);
+  const auto all = links_.neighbours(i);
   return static_cast<int>(std::count_if(all.begin(), all.end(), [&](std::uint32_t k) {
     return onSurface(nodes_[i], nodes_[k], kAgreeingSlope);
   }));
@@ -119,7 +90,7 @@ void DepthConsistency::dropChance(std::vector<Verdict>& verdicts) {
   std::size_t confirmed = 0;
   for (std::uint32_t i = 0; i < nodes_.size(); ++i) {
     const int agree = agreeing(i);
-    if (agree >= kAgreeing && 2 * agree >= static_cast<int>(neighbours(i).size()))
+    if (agree >= kAgreeing && 2 * agree >= static_cast<int>(links_.neighbours(i).size()))
       ++confirmed;
     else
       verdicts[i] = Verdict::kMismatch;
@@ -133,7 +104,7 @@ void DepthConsistency::dropMismatches(std::vector<Verdict>& verdicts) {
     const Node& own = nodes_[i];
     values_.clear();
     double variance = 0;
-    for (const std::uint32_t k : neighbours(i)) {
+    for (const std::uint32_t k : links_.neighbours(i)) {
       values_.push_back(nodes_[k].inverse_depth);
       variance += nodes_[k].variance;
     }
@@ -150,7 +121,7 @@ void DepthConsistency::join(double tangent, const std::vector<Verdict>& verdicts
   joined_.reset(nodes_.size());
   for (std::uint32_t a = 0; a < nodes_.size(); ++a) {
     if (verdicts[a] != Verdict::kKeep) continue;
-    for (const std::uint32_t b : neighbours(a)) {
+    for (const std::uint32_t b : links_.neighbours(a)) {
       if (b < a || verdicts[b] != Verdict::kKeep || !onSurface(nodes_[a], nodes_[b], tangent)) continue;
       joined_.join(a, b);
     }
@@ -168,8 +139,8 @@ void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vecto
     Group& g = groups_[group_[i]];
     const double x = node.position.x() / node.position.z(), y = node.position.y() / node.position.z();
     ++g.points;
-    g.outline |= node.outline;
-    for (const std::uint32_t k : neighbours(i)) g.outline |= nodes_[k].outline;
+    g.outline |= links_.onOutline(i);
+    for (const std::uint32_t k : links_.neighbours(i)) g.outline |= links_.onOutline(k);
     g.x += x;
     g.y += y;
     g.xx += x * x;
@@ -191,7 +162,7 @@ void DepthConsistency::dropFish(const DepthConsistencyConfig& config, std::vecto
     if (verdicts[i] != Verdict::kKeep) continue;
     Group& g = groups_[group_[i]];
     if (g.needed == 0) continue;
-    for (const std::uint32_t k : neighbours(i)) {
+    for (const std::uint32_t k : links_.neighbours(i)) {
       if (verdicts[k] != Verdict::kKeep || group_[k] == group_[i]) continue;
       ++g.leaving;
       g.shallow += nodes_[k].range - nodes_[i].range < g.needed ? 1 : 0;

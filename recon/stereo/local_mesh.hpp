@@ -56,7 +56,6 @@ class DepthConsistency {
     double range;              // [m]
     double inverse_depth;      // [1/m]
     double variance;           // along the line of sight [m^2]
-    bool outline;              // has a neighbour on one side only
   };
   struct Group {
     std::uint32_t points, leaving;   // points; edges that leave the group
@@ -66,7 +65,6 @@ class DepthConsistency {
     double needed;                   // least step down all round of a fish [m]; 0: not a fish
   };
 
-  void linkNeighbours(std::span<const std::array<std::uint32_t, 3>> triangles);
   void dropChance(std::vector<Verdict>& verdicts);
   void dropMismatches(std::vector<Verdict>& verdicts);
   void dropFish(const DepthConsistencyConfig& config, std::vector<Verdict>& verdicts);
@@ -76,13 +74,9 @@ class DepthConsistency {
   void join(double tangent, const std::vector<Verdict>& verdicts);
   [[nodiscard]] int agreeing(std::uint32_t i) const;  // of the point's neighbours
   [[nodiscard]] bool onSurface(const Node& a, const Node& b, double tangent) const;
-  [[nodiscard]] std::span<const std::uint32_t> neighbours(std::size_t i) const {
-    return {neighbours_.data() + first_[i], last_[i] - first_[i]};
-  }
 
   std::vector<Node> nodes_;
-  std::vector<std::uint32_t> first_, last_;  // of each point's neighbours, and one past them
-  std::vector<std::uint32_t> neighbours_;
+  TriangleLinks links_;
   std::vector<double> values_;
   UnionFind joined_;
   std::vector<std::uint32_t> group_;

@@ -18,6 +18,7 @@
 
 #include "recon/geometry/uncertain_pose.hpp"
 #include "recon/stereo/match_points.hpp"
+#include "recon/stereo/point_filter.hpp"
 #include "recon/stereo/sparse_stereo.hpp"
 #include "tests/support/heap_counter.hpp"
 #include "tests/support/test_data.hpp"
@@ -74,6 +75,68 @@ INSTANTIATE_TEST_SUITE_P(Noise, SigmaZ,
                          testing::Values(std::pair<Exposure, Exposure>{{1.0, 0.0, 1.0}, {1.0, 0.0, 1.0}},
                                          std::pair<Exposure, Exposure>{{1.0, 0.0, 2.0}, {0.8, 12.0, 3.0}},
                                          std::pair<Exposure, Exposure>{{1.0, 0.0, 6.0}, {0.6, 20.0, 4.0}}));
+
+// Root mean square of the errors of z [m], and of the errors in reported standard deviations.
+struct RmsErrors {
+  double metres = 0, sigmas = 0;
+};
+
+RmsErrors rmsErrors(const SyntheticScene& scene, const StereoResult& result) {
+  RmsErrors sum;
+  for (const StereoPoint& p : result.points) {
+    Eigen::Vector3d truth;
+    EXPECT_TRUE(scene.pointAt(p.left.cast<double>(), truth));
+    const double error = static_cast<double>(p.point.z()) - truth.z();
+    sum.metres += error * error;
+    sum.sigmas += std::pow(error / static_cast<double>(p.sigma_z), 2);
+  }
+  const auto n = static_cast<double>(result.points.size());
+  return {std::sqrt(sum.metres / n), std::sqrt(sum.sigmas / n)};
+}
+
+struct FilterCase {
+  const char* name;
+  std::vector<Sheet> sheets;
+  double most;  // of the error, over that before
+};
+
+class PointFilterOn : public testing::TestWithParam<FilterCase> {};
+
+TEST_P(PointFilterOn, TakesOutNoiseAndLeavesReliefAndItsClaimHolds) {
+  const SyntheticScene scene(croppedRig(640, 480), GetParam().sheets);
+  const auto [left, right] = scene.render({1.0, 0.0, 6.0}, {0.6, 20.0, 4.0});
+  SparseStereo stereo(scene.rig(), {.max_features = 1200});
+  const StereoResult& found = stereo.process(left.view(), right.view(), {});
+  StereoResult smooth = found;
+  smoothPoints(smooth);
+  const RmsErrors before = rmsErrors(scene, found), after = rmsErrors(scene, smooth);
+  std::printf("%zu points: %.1f mm (%.2f sigma) before, %.1f mm (%.2f sigma) after\n", found.points.size(),
+              1000 * before.metres, before.sigmas, 1000 * after.metres, after.sigmas);
+  EXPECT_LE(after.metres, GetParam().most * before.metres);
+  EXPECT_LE(after.sigmas, 1.25);
+  for (std::size_t i = 0; i < found.points.size(); ++i) {
+    EXPECT_EQ(smooth.points[i].left, found.points[i].left);
+    EXPECT_LE(smooth.points[i].sigma_z, found.points[i].sigma_z);
+    EXPECT_NEAR(std::sqrt(smooth.points[i].covariance[5]), smooth.points[i].sigma_z,
+                1e-3F * smooth.points[i].sigma_z);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Ground, PointFilterOn,
+    testing::Values(
+        FilterCase{"Plane", {{[](double x, double y) { return 2.0 + 0.2 * x + 0.1 * y; }}}, 0.7},
+        FilterCase{"Waves",
+                   {{[](double x, double y) { return 2.0 + 0.03 * std::sin(12 * x) * std::sin(9 * y); }}},
+                   0.7},
+        FilterCase{"Rubble",
+                   {{[](double x, double y) { return 2.0 + 0.1 * std::sin(40 * x) * std::sin(35 * y); }}},
+                   1.05},
+        FilterCase{"Step",
+                   {{[](double, double) { return 2.0; }},
+                    {[](double, double) { return 1.7; }, [](double x, double) { return x > 0; }}},
+                   0.7}),
+    [](const auto& instance) { return instance.param.name; });
 
 TEST(MidpointTriangulation, AgreesWithTheRigsOwnAndItsCovarianceWithNumericalDerivatives) {
   const StereoRig rig = croppedRig(1360, 1024);

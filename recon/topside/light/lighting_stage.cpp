@@ -11,6 +11,7 @@
 #include "realtime/base/input_error.hpp"
 #include "realtime/base/progress.hpp"
 #include "recon/geometry/image_view.hpp"
+#include "recon/stereo/point_filter.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 #include "recon/topside/light/pair_images.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
@@ -18,7 +19,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kLightingVersion = 16;  // changes with the result
+constexpr std::uint32_t kLightingVersion = 17;  // changes with the result
 constexpr int kRangePoints = 300;               // corners that show an image's ranges well enough
 
 // Of one moment, by camera.
@@ -51,12 +52,11 @@ class RangeFinder {
     if (const auto& left = images.files[0], &right = images.files[1]; left && right) {
       const std::vector<std::uint8_t> left_grey = stretchedGrey(left->view),
                                       right_grey = stretchedGrey(right->view);
-      for (const stereo::StereoPoint& p :
-           stereo_
-               .process(eightBitView(left_grey, rig_.left, PixelFormat::kMono, left->view.mask),
-                        eightBitView(right_grey, rig_.right, PixelFormat::kMono, right->view.mask), plane)
-               .points)
-        points.push_back(p.point);
+      stereo::StereoResult found =
+          stereo_.process(eightBitView(left_grey, rig_.left, PixelFormat::kMono, left->view.mask),
+                          eightBitView(right_grey, rig_.right, PixelFormat::kMono, right->view.mask), plane);
+      stereo::smoothPoints(found);
+      for (const stereo::StereoPoint& p : found.points) points.push_back(p.point);
     }
     for (std::size_t camera = 0; camera < ranges_.size(); ++camera)
       images.ranges[camera] = ranges_[camera].of(plane, points);

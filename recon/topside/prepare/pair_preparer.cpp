@@ -8,6 +8,7 @@
 #include "recon/closure/feature_extractor.hpp"
 #include "recon/stereo/dense_stereo.hpp"
 #include "recon/stereo/given_stereo.hpp"
+#include "recon/stereo/point_filter.hpp"
 #include "recon/stereo/seed_plane.hpp"
 #include "recon/topside/light/pair_images.hpp"
 
@@ -86,8 +87,10 @@ class FromImages final : public PairPreparer {
       out.features = extractor_->process(images_.left(), images_.right(), depthsAbout(ground), ground.normal);
     out.times[PairStage::kFeatures] = watch.lap();
     if (enough(found, config_)) {
+      stereo::StereoResult surface = found;
+      if (sparse_) stereo::smoothPoints(surface);  // dense stereo's matches are smooth
       out.unlit = images_.unlit(ground);
-      out.mesh = out.unlit ? stereo::toMesh(found, {}) : coloured(found, ground);
+      out.mesh = out.unlit ? stereo::toMesh(surface, {}) : coloured(surface, ground);
     }
     out.times[PairStage::kMesh] = watch.lap();
     return out;

@@ -75,7 +75,7 @@ Digest PreparedGroups::content() const {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPrepareVersion = 15;
+constexpr std::uint32_t kPrepareVersion = 16;
 
 std::string sixDigits(std::size_t number) {
   std::array<char, 24> text{};
