@@ -346,6 +346,7 @@ TEST(Mounting, PathsThroughTurnsSayTheSame) {
       links.push_back(link);
     }
     EXPECT_NEAR(pathScaleOf(inputs, links, dvl_in_camera, {}).longer, std::log1p(kTooLong), 1e-6) << turn;
+    EXPECT_EQ(pathScaleOf(inputs, std::span(links).first(2), dvl_in_camera, {}).steps, 0) << turn;
   }
 }
 

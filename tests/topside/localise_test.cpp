@@ -117,6 +117,25 @@ TEST(BatchClosureSearch, LookingForWhatIsLostInEveryDirectionItSaysWhatNoClosure
   EXPECT_LT(one.unverified, lost.unverified);
 }
 
+TEST(BatchClosureSearch, FramesOnBothSidesOfAStepThatOdometryMissedAreTried) {
+  constexpr std::uint32_t kMissed = 20, kClosureApart = 4;
+  OutAndBack dive(0.1);
+  std::vector<slam::NavigationLink> links;
+  for (std::uint32_t k = 1; k < dive.frames.pair.size(); ++k) {
+    if (k == kMissed) continue;
+    links.emplace_back();
+    links.back().a = k - 1, links.back().b = k;
+  }
+  const StereoRig rig = test::TinyMission::rig();
+  BatchClosureSearch search(rig, dive.frames, 0);
+  search.look(dive.solution, links);
+  std::set<std::pair<std::uint32_t, std::uint32_t>> near;
+  for (const auto& pair : pairsOf(search.candidates(100000, 100)))
+    if (pair.second < pair.first + kClosureApart) near.insert(pair);
+  EXPECT_EQ(near, (std::set<std::pair<std::uint32_t, std::uint32_t>>{
+                      {17, 20}, {18, 20}, {18, 21}, {19, 21}, {19, 22}}));
+}
+
 // Disparities that slope across the track turn every step to the same side; where the vehicle comes back
 // over its outward track, closures contradict that.
 TEST(BatchClosureSearch, FindsTheErrorThatAllLinksShareAndTakesItOut) {

@@ -170,8 +170,9 @@ PathScale pathScaleOf(const std::vector<KeyframeInput>& frames, std::span<const 
     steps.push_back({-std::log(s), sigma * path / (s * root)});  // d log s = path d path / (s root)
   }
   PathScale out;
+  constexpr std::size_t kFewest = 3;  // fewer say nothing of their own errors
+  if (steps.size() < kFewest) return out;
   out.steps = static_cast<int>(steps.size());
-  if (steps.empty()) return out;
   std::vector<double> values;
   for (const One& step : steps) values.push_back(step.longer);
   out.longer = median(std::move(values));

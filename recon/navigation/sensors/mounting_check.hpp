@@ -31,7 +31,7 @@ struct Mounting {
 // By how much paths of visual odometry are longer than those of the DVL, as a logarithm, over steps that both
 // measured: lengths of the DVL's own path, which an error of the compass turns and does not stretch. Huber's
 // mean; sigma: by the noise of either or by how much steps differ, whichever is more, without errors of scale
-// of the DVL.
+// of the DVL. Nothing (steps = 0) of fewer than three.
 struct PathScale {
   double longer = 0, sigma = 0;
   int steps = 0;

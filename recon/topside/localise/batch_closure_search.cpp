@@ -17,7 +17,7 @@ namespace tbb = oneapi::tbb;
 
 constexpr double kLeastSigma = 0.05, kLeastAngle = 0.02;  // of a prior for a closure [m], [rad]
 constexpr double kPriorScale = 4;   // of a prior's covariance: the solution may rest on a wrong closure
-constexpr std::uint32_t kSkip = 4;  // latest frames that odometry links well enough
+constexpr std::uint32_t kSkip = 4;  // latest frames that odometry links well enough, where it does
 // Expected information below which a pair is not worth a registration [nat]. Not a probability: lost by
 // several footprints, no pair is probable, but any closure tells more than all else.
 constexpr double kLeastValue = 0.04;
@@ -212,6 +212,11 @@ void BatchClosureSearch::look(const slam::NavigationSolution& solution,
                               const std::vector<slam::NavigationLink>& links, const Shared& straightened_by) {
   view_.reset();  // one factor at a time
   view_ = std::make_unique<View>(solution, graphOf(solution, links, straightened_by), rig_, frames_);
+  std::vector<bool> linked(frames_.pair.size(), false);  // to the frame before
+  for (const slam::NavigationLink& link : links)
+    if (link.kept && link.ofChain()) linked[link.b] = true;
+  chain_begin_.resize(linked.size());
+  for (std::uint32_t k = 0; k < linked.size(); ++k) chain_begin_[k] = linked[k] ? chain_begin_[k - 1] : k;
 }
 
 const slam::GraphCovariance& BatchClosureSearch::known() const {
@@ -238,7 +243,8 @@ std::vector<closure::Candidate> BatchClosureSearch::proposed(std::size_t a_frame
       of_frame.clear();
       for (const closure::StretchTree::Near& n : near) {
         const closure::Stretch& there = stretches[n.stretch];
-        for (std::uint32_t older = there.first; older < there.end && older + kSkip <= newer; ++older) {
+        for (std::uint32_t older = there.first; older < there.end && older + 1 < newer; ++older) {
+          if (older + kSkip > newer && older >= chain_begin_[newer]) break;
           const closure::Candidate candidate =
               closure::candidateOf(older, view_->footprints[older], newer, view_->footprints[newer],
                                    n.covariance, view_->limits, view_->apart);
