@@ -65,8 +65,10 @@ void DepthConsistency::check(const DepthConsistencyConfig& config, std::span<con
     nodes_.push_back({position, position / range, range, 1.0 / position.z(), sigma * sigma});
   }
   links_.build(points.size(), triangles);
-  if (config.few) dropChance(verdicts);
-  dropMismatches(verdicts);
+  if (config.few)
+    dropChance(verdicts);
+  else
+    dropMismatches(verdicts);
   if (config.max_fish_length > 0) dropFish(config, verdicts);
   dropPatches(config, verdicts);
 }

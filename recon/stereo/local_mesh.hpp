@@ -26,7 +26,8 @@ struct DepthConsistencyConfig {
 // any
 //    depth. Two neighbours, and half of all, must agree with a point; where fewer than 20 or than half of the
 //    points have such neighbours, none is kept.
-// 2. Mismatches: the inverse depth differs from the median of the neighbours' by more than three standard
+// 2. Mismatches, else: the inverse depth differs from the median of the neighbours' by more than three
+// standard
 //    deviations and three times their median absolute deviation, and fewer than two neighbours agree with it
 //    (at the edge of a coral head, points on either side have neighbours at their own depth).
 // 3. Fish: points are joined where the edge between them is less steep than 63 degrees. A group is an

@@ -215,8 +215,13 @@ void BatchClosureSearch::look(const slam::NavigationSolution& solution,
   std::vector<bool> linked(frames_.pair.size(), false);  // to the frame before
   for (const slam::NavigationLink& link : links)
     if (link.kept && link.ofChain()) linked[link.b] = true;
-  chain_begin_.resize(linked.size());
-  for (std::uint32_t k = 0; k < linked.size(); ++k) chain_begin_[k] = linked[k] ? chain_begin_[k - 1] : k;
+  older_end_.resize(linked.size());
+  std::uint32_t chain = 0;  // the first frame that odometry links with this one
+  for (std::uint32_t k = 0; k < linked.size(); ++k) {
+    if (!linked[k]) chain = k;
+    const auto back = [&](std::uint32_t frames) { return k > frames ? k - frames : 0; };
+    older_end_[k] = std::max(back(kSkip - 1), std::min(chain, back(1)));
+  }
 }
 
 const slam::GraphCovariance& BatchClosureSearch::known() const {
@@ -243,8 +248,7 @@ std::vector<closure::Candidate> BatchClosureSearch::proposed(std::size_t a_frame
       of_frame.clear();
       for (const closure::StretchTree::Near& n : near) {
         const closure::Stretch& there = stretches[n.stretch];
-        for (std::uint32_t older = there.first; older < there.end && older + 1 < newer; ++older) {
-          if (older + kSkip > newer && older >= chain_begin_[newer]) break;
+        for (std::uint32_t older = there.first; older < std::min(there.end, older_end_[newer]); ++older) {
           const closure::Candidate candidate =
               closure::candidateOf(older, view_->footprints[older], newer, view_->footprints[newer],
                                    n.covariance, view_->limits, view_->apart);

@@ -109,7 +109,7 @@ class BatchClosureSearch {
   double visual_scale_;
   slam::RigPrior open_;
   std::unique_ptr<View> view_;
-  std::vector<std::uint32_t> chain_begin_;          // of each frame: the first that odometry links with it
+  std::vector<std::uint32_t> older_end_;            // of each frame: the first that is too near to be tried
   std::unordered_map<std::uint64_t, Tried> tried_;  // by both frames
   std::vector<Attempt> waiting_;                    // accepted, to be confirmed
   std::array<std::size_t, closure::kRefusals> refused_{};
