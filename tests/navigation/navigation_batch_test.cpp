@@ -217,18 +217,20 @@ TEST(NavigationBatch, TakesOutFalseClosuresAndWildFixesAndKeepsTheTrueOnes) {
 TEST(NavigationBatch, DoubtsAClosureOfFewFeaturesSooner) {
   const SyntheticDiveOptions options;
   const SyntheticDive survey = makeDive(options);
-  const auto keptWith = [&](int features) {
+  const auto keptWith = [&](int features, double sigmas) {
     Measured measured = measuredOf(survey, options.usbl_sigma);
     for (NavigationLink& link : measured.links) link.inliers = 50;
     NavigationLink& off = measured.links[survey.visual.size() + survey.closures.size() / 2];
     off.inliers = features;
     off.T_a_b = survey.truth[off.a].inverse() * survey.truth[off.b] *
-                SE3(Eigen::Quaterniond::Identity(), {7 * std::sqrt(off.covariance(0, 0)), 0, 0});
+                SE3(Eigen::Quaterniond::Identity(), {sigmas * std::sqrt(off.covariance(0, 0)), 0, 0});
     (void)solve(survey, options, measured);
     return off.kept;
   };
-  EXPECT_TRUE(keptWith(50));
-  EXPECT_FALSE(keptWith(38));
+  EXPECT_TRUE(keptWith(50, 7));
+  EXPECT_FALSE(keptWith(38, 7));
+  EXPECT_TRUE(keptWith(38, 5));
+  EXPECT_FALSE(keptWith(22, 5));
 }
 
 // The compass leaps while the DVL is dead, which visual odometry alone shows [s], [rad].
