@@ -15,13 +15,6 @@ void addBlock(Block& c, const Block& a, double scale) {
   for (int i = 0; i < kBlockSize * kBlockSize; ++i) c.v[i] += scale * a.v[i];
 }
 
-void subtractProduct(Block& c, const Block& a, const Block& b) {
-  for (int j = 0; j < kBlockSize; ++j)
-    for (int k = 0; k < kBlockSize; ++k)
-      for (int i = 0; i < kBlockSize; ++i)
-        c.v[j * kBlockSize + i] -= a.v[k * kBlockSize + i] * b.v[j * kBlockSize + k];
-}
-
 void addTransposedProduct(Block& c, const Block& a, const Block& b) {
   for (int j = 0; j < kBlockSize; ++j) {
     for (int i = 0; i < kBlockSize; ++i) {

@@ -32,8 +32,6 @@ struct Reflections {
 
 // c += scale a.
 void addBlock(Block& c, const Block& a, double scale);
-// c -= a b.
-void subtractProduct(Block& c, const Block& a, const Block& b);
 // c += a^T b.
 void addTransposedProduct(Block& c, const Block& a, const Block& b);
 // a = L L^T, in place, upper part zero. A pivot below `least` is replaced by it; returns the number replaced.
@@ -49,6 +47,8 @@ void reflect(Block& l, Block& w, double sign, Reflections& reflections);
 struct ColumnKernels {
   // y[row] -= block x, for all blocks; vectors of six numbers, x apart from them.
   void (*forward)(const Block* blocks, const int* rows, int count, const double* x, double* y);
+  // The same for six such vectors at once, the columns of blocks.
+  void (*forwardSix)(const Block* blocks, const int* rows, int count, const Block& x, Block* z);
   // x -= sum block^T y[row].
   void (*backward)(const Block* blocks, const int* rows, int count, const double* y, double* x);
   // to[place[row]] -= block b^T.

@@ -44,6 +44,20 @@ void forward(const Block* blocks, const int* rows, int count, const double* x, d
   }
 }
 
+void forwardSix(const Block* blocks, const int* rows, int count, const Block& x, Block* z) {
+  for (int k = 0; k < count; ++k) {
+    Column column[kBlockSize];
+    for (int j = 0; j < kBlockSize; ++j) load(column[j], blocks[k].v + kBlockSize * j);
+    double* to = z[rows[k]].v;
+    for (int c = 0; c < kBlockSize; ++c) {
+      Column sum;
+      load(sum, to + kBlockSize * c);
+      for (int j = 0; j < kBlockSize; ++j) addTimes(sum, column[j], -x.v[kBlockSize * c + j]);
+      store(to + kBlockSize * c, sum);
+    }
+  }
+}
+
 void backward(const Block* blocks, const int* rows, int count, const double* y, double* x) {
   Column sum[kBlockSize] = {};
   for (int k = 0; k < count; ++k) {
@@ -120,8 +134,8 @@ void applyReflections(Block* blocks, const int* rows, int count, const Reflectio
 }  // namespace
 
 const ColumnKernels& table() {
-  static constexpr ColumnKernels kTable = {forward, backward, subtractProducts, solveFromRight,
-                                           applyReflections};
+  static constexpr ColumnKernels kTable = {forward,          forwardSix,     backward,
+                                           subtractProducts, solveFromRight, applyReflections};
   return kTable;
 }
 

@@ -187,6 +187,7 @@ TEST(ColumnKernels, EveryInstructionSetGivesTheSameBits) {
     kernels.subtractProducts(blocks.data(), rows, 5, w, place, to.data());
     kernels.solveFromRight(blocks.data(), 5, diagonal);
     kernels.applyReflections(blocks.data(), rows, 5, reflections, to.data());
+    kernels.forwardSix(blocks.data(), rows, 5, w, to.data());
     std::vector<double> x(kN, 0.7), y(9 * kN, 0.3);
     kernels.forward(blocks.data(), rows, 5, x.data(), y.data());
     kernels.backward(blocks.data(), rows, 5, y.data(), x.data());

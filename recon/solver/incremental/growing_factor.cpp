@@ -249,7 +249,7 @@ int GrowingFactor::forwardPath(int pose, std::span<Block> z) {
     for (int c = 0; c < kBlockSize; ++c) solveLower(diagonal_[at(j)], z[at(j)].v + kBlockSize * c);
     const int* row = columnRows(j);
     for (int k = 0; k < count_[at(j)]; ++k) work_.mark[at(row[k])] = 1;
-    for (int k = 0; k < count_[at(j)]; ++k) subtractProduct(z[at(row[k])], columnBlocks(j)[k], z[at(j)]);
+    kernels_->forwardSix(columnBlocks(j), row, count_[at(j)], z[at(j)], z.data());
     last = j;
   }
   return last;
