@@ -3,13 +3,11 @@
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <opencv2/imgproc.hpp>
 #include <random>
 
 #include "realtime/base/units.hpp"
 #include "recon/navigation/sensors/sensor_factors.hpp"
 #include "recon/topside/localise/control_network.hpp"
-#include "recon/topside/localise/ground_alignment.hpp"
 #include "recon/topside/pipeline.hpp"
 #include "recon/topside/report/control_report.hpp"
 #include "tests/support/test_data.hpp"
@@ -262,117 +260,6 @@ TEST_F(ControlFiles, WhatIsWrongIsSaidWithItsRow) {
   const ControlPoints other = readControlPoints(folder_.path(), "");
   EXPECT_THAT(test::refusal([&] { (void)sightingsOf(other, list()); }),
               HasSubstr("row 1: marks image '7.png', which is none of the dive's"));
-}
-
-constexpr double kTexel = 0.004, kExtent = 12;  // of the ground [m]
-
-// Blotches of a few grey levels, a centimetre wide.
-cv::Mat mud() {
-  const int side = static_cast<int>(kExtent / kTexel);
-  cv::Mat ground(side, side, CV_32F);
-  cv::theRNG().state = 7;
-  cv::randn(ground, 0, 1);
-  constexpr double kBlotch = 2.5, kContrast = 4;  // [texels], [grey levels]
-  cv::GaussianBlur(ground, ground, {}, kBlotch);
-  cv::Scalar mean, spread;
-  cv::meanStdDev(ground, mean, spread);
-  return ground * (kContrast / spread[0]);
-}
-
-Camera camera() {
-  return {680, 512, 870, 870, 339.5, 255.5, 0.15, 0.3, 0.001, -0.002, 0};
-}
-
-// A tilted camera 1.4 m above level ground; world: z down, ground at z = 0.
-SE3 poseAt(double north, double east, double heading) {
-  constexpr double kTilt = 0.6, kHeight = 1.4;  // [rad], [m]
-  return SE3::fromEuler(kTilt, 0, heading, {north, east, -kHeight});
-}
-
-// What it sees under a lamp that it carries, blurred along its track and noisy.
-GroundView seen(const cv::Mat& ground, const SE3& T_world_cam, unsigned seed) {
-  const Camera c = camera();
-  std::mt19937 random(seed);
-  std::normal_distribution<float> noise(0, 1.5F);
-  cv::Mat x(c.height, c.width, CV_32F), y(c.height, c.width, CV_32F), image;
-  for (int v = 0; v < c.height; ++v)
-    for (int u = 0; u < c.width; ++u) {
-      const Eigen::Vector3d ray = T_world_cam.rotation() * c.ray({u, v});
-      const Eigen::Vector3d p = T_world_cam.translation() - T_world_cam.translation().z() / ray.z() * ray;
-      x.at<float>(v, u) = static_cast<float>((p.x() + kExtent / 2) / kTexel);
-      y.at<float>(v, u) = static_cast<float>((p.y() + kExtent / 2) / kTexel);
-    }
-  cv::remap(ground, image, x, y, cv::INTER_LINEAR, cv::BORDER_REFLECT);
-  cv::blur(image, image, {7, 3});
-  GroundView out;
-  out.mono.create(image.size(), CV_8U);
-  for (int v = 0; v < c.height; ++v)
-    for (int u = 0; u < c.width; ++u) {
-      const double off = std::hypot((u - 300.0) / c.width, (v - 330.0) / c.height);
-      const double lamp = std::exp(-3 * off * off);
-      out.mono.at<std::uint8_t>(v, u) =
-          cv::saturate_cast<std::uint8_t>(20 + lamp * (70 + 3 * image.at<float>(v, u)) + noise(random));
-    }
-  const Eigen::Vector3d normal = T_world_cam.rotation().conjugate() * Eigen::Vector3d::UnitZ();
-  out.plane = {normal, -T_world_cam.translation().z()};
-  return out;
-}
-
-TEST(GroundAlignment, FramesOfBareMudAreLaidOnEachOther) {
-  const cv::Mat ground = mud();
-  const SE3 a = poseAt(0, 0, 0.2), b = poseAt(0.35, 0.2, 0.36);
-  const GroundAlignment found = alignGround(camera(), seen(ground, a, 1), seen(ground, b, 2));
-  ASSERT_EQ(found.refusal, closure::Refusal::kNone)
-      << closure::nameOf(found.refusal) << ": " << found.inliers << " of " << found.tracked
-      << " points, correlation " << found.correlation;
-  const Vector6d error = ((a.inverse() * b).inverse() * found.pose.T_a_b).log();
-  const double chi2 = error.dot(found.pose.covariance.inverse() * error);
-  std::printf("%d of %d points, correlation %.2f: off by %.2f mm, %.3f deg, chi2 %.1f\n", found.inliers,
-              found.tracked, found.correlation, 1e3 * error.head<3>().norm(), 57.3 * error.tail<3>().norm(),
-              chi2);
-  EXPECT_LT(error.head<3>().norm(), 0.0013);
-  EXPECT_LT(error.tail<3>().norm(), 0.0006);
-  EXPECT_LT(chi2, 22.46);
-  EXPECT_GT(found.inliers, 165);
-}
-
-TEST(GroundAlignment, TheReverseIsTheInverse) {
-  const cv::Mat ground = mud();
-  const SE3 a = poseAt(0, 0, 0.2), b = poseAt(0.35, 0.2, 0.36);
-  const GroundAlignment found = alignGround(camera(), seen(ground, b, 2), seen(ground, a, 1));
-  ASSERT_EQ(found.refusal, closure::Refusal::kNone);
-  const Vector6d error = ((b.inverse() * a).inverse() * found.pose.T_a_b).log();
-  EXPECT_LT(error.head<3>().norm(), 0.0013);
-  EXPECT_LT(error.dot(found.pose.covariance.inverse() * error), 22.46);
-}
-
-TEST(GroundAlignment, FramesThatShareNothingAreRefused) {
-  const cv::Mat ground = mud();
-  const GroundView a = seen(ground, poseAt(0, 0, 0.2), 1);
-  for (const double away : {-4.0, -3.0, 3.0, 4.0}) {
-    const GroundAlignment found = alignGround(camera(), a, seen(ground, poseAt(0, away, 0.2), 2));
-    EXPECT_NE(found.refusal, closure::Refusal::kNone) << away;
-  }
-}
-
-TEST(GroundAlignment, NoLightIsRefused) {
-  GroundView dark = seen(mud(), poseAt(0, 0, 0), 1);
-  dark.mono.setTo(0);
-  EXPECT_NE(alignGround(camera(), dark, dark).refusal, closure::Refusal::kNone);
-}
-
-TEST(GroundAlignment, ARealDiveOverMudStaysInOnePart) {
-  FATHOM_REQUIRE_DATA("real/haltbrekken/stereo.calib");
-  const test::TemporaryFolder folder;
-  RunPlaces places;
-  places.mission = test::dataFile("real/haltbrekken");
-  places.out = folder.path() / "out";
-  places.work = folder.path() / "work";
-  TopsideConfig config;
-  config.model.texture = false;
-  EXPECT_EQ(runTopside(places, config).used, 20u);
-  const auto report = nlohmann::json::parse(std::ifstream(places.out / "report.json"));
-  EXPECT_EQ(report["localisation"]["parts"].size(), 1u);
 }
 
 }  // namespace

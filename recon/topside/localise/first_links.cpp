@@ -91,9 +91,11 @@ std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Fra
 
 namespace {
 
-// False where the image cannot be read any more.
+// False where the frame shows no ground, or the image cannot be read any more.
 bool groundOf(const MissionInput& input, const Survey& survey, const Frames& frames, std::uint32_t frame,
               GroundView& view) {
+  const std::optional<stereo::SeedPlane>& plane = survey.planes[frames.pair[frame]];
+  if (frames.blank(frame) || !plane) return false;
   const Camera& camera = input.rig.left;
   const ImagePair& pair = survey.list.pairs[frames.pair[frame]];
   try {
@@ -102,8 +104,7 @@ bool groundOf(const MissionInput& input, const Survey& survey, const Frames& fra
   } catch (const InputError&) {
     return false;
   }
-  const stereo::SeedPlane& plane = *survey.planes[frames.pair[frame]];
-  view.plane = {plane.normal, plane.distance};
+  view.plane = {plane->normal, plane->distance};
   frames.load(frame, view.features);
   return true;
 }
@@ -111,13 +112,17 @@ bool groundOf(const MissionInput& input, const Survey& survey, const Frames& fra
 }  // namespace
 
 std::vector<slam::NavigationLink> groundSteps(const MissionInput& input, const Survey& survey,
-                                              const Frames& frames, std::span<const std::uint32_t> steps) {
+                                              const Frames& frames, std::span<const std::uint32_t> steps,
+                                              bool reckoned) {
   std::vector<GroundAlignment> found(steps.size());
   rt::StageProgress progress("ground", steps.size());
   oneapi::tbb::parallel_for(std::size_t{0}, steps.size(), [&](std::size_t k) {
     GroundView a, b;
-    if (groundOf(input, survey, frames, steps[k] - 1, a) && groundOf(input, survey, frames, steps[k], b))
-      found[k] = alignGround(input.rig.left, a, b);
+    const std::uint32_t to = steps[k], from = to - 1;
+    std::optional<SE3> known;
+    if (reckoned) known = frames.reckoned[from].inverse() * frames.reckoned[to];
+    if (groundOf(input, survey, frames, from, a) && groundOf(input, survey, frames, to, b))
+      found[k] = alignGround(input.rig.left, a, b, known);
     progress.step();
   });
   std::vector<slam::NavigationLink> links;
@@ -131,6 +136,21 @@ std::vector<slam::NavigationLink> groundSteps(const MissionInput& input, const S
     link.inliers = found[k].inliers;
   }
   return links;
+}
+
+std::vector<slam::NavigationLink> withGroundSteps(const MissionInput& input, const Survey& survey,
+                                                  const Frames& frames,
+                                                  std::vector<slam::NavigationLink> odometry) {
+  std::vector<bool> known(frames.pair.size());
+  for (const slam::NavigationLink& link : odometry) known[link.b] = true;
+  std::vector<std::uint32_t> bare;
+  for (std::uint32_t k = 1; k < known.size(); ++k)
+    if (!known[k] && !frames.blank(k - 1) && !frames.blank(k)) bare.push_back(k);
+  if (bare.empty()) return odometry;
+  const std::vector<slam::NavigationLink> found = groundSteps(input, survey, frames, bare, true);
+  odometry.insert(odometry.end(), found.begin(), found.end());
+  std::sort(odometry.begin(), odometry.end(), [](const auto& x, const auto& y) { return x.a < y.a; });
+  return odometry;
 }
 
 namespace {

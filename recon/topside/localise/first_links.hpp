@@ -25,10 +25,16 @@ namespace fathom::topside {
 [[nodiscard]] std::vector<slam::NavigationLink> visualOdometry(const StereoRig& rig, const Frames& frames);
 
 // Steps without features to speak of, from all pixels (alignGround): links to the frames `steps` from those
-// before them, of those that were found. A step whose images cannot be read is not.
+// before them, of those that were found. A step whose images cannot be read is not. `reckoned`: frames know
+// their turns by the vehicle's sensors.
 [[nodiscard]] std::vector<slam::NavigationLink> groundSteps(const MissionInput& input, const Survey& survey,
                                                             const Frames& frames,
-                                                            std::span<const std::uint32_t> steps);
+                                                            std::span<const std::uint32_t> steps,
+                                                            bool reckoned);
+// `odometry`, by rising frames, with the steps that it lacks where the ground shows them.
+[[nodiscard]] std::vector<slam::NavigationLink> withGroundSteps(const MissionInput& input,
+                                                                const Survey& survey, const Frames& frames,
+                                                                std::vector<slam::NavigationLink> odometry);
 
 // Closures between frames of which the solution does not know that they show the same ground: frames that no
 // closure reaches over a long distance are recognised by their features alone (closure::PlaceIndex),

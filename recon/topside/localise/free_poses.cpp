@@ -45,7 +45,7 @@ class LinkSearch {
     if (!input_.features_only) {
       std::vector<std::uint32_t> bare;
       for (const auto& [b, why] : broken) bare.push_back(b);
-      for (const slam::NavigationLink& link : groundSteps(input_, survey_, frames_, bare)) {
+      for (const slam::NavigationLink& link : groundSteps(input_, survey_, frames_, bare, false)) {
         network_.links.push_back(link);
         broken.erase(link.b);
       }

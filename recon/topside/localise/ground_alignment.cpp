@@ -14,8 +14,8 @@ using closure::Refusal;
 
 constexpr int kWidest = 700;                            // of the images that are compared [px]
 constexpr double kCells = 160;                          // of a picture of the ground, by the plane's distance
-constexpr double kMostTurn = 0.5;                       // of the heading from frame to frame [rad]
-constexpr int kTurns = 13;                              // tried
+constexpr double kTurnStep = 1.0 / 12;                  // of headings that are tried [rad]
+constexpr int kTurns = 13, kTurnsReckoned = 3;          // tried about none; about one that is known
 constexpr double kLeastOverlap = 0.2;                   // of the smaller picture
 constexpr double kFarthestGround = 3.0;                 // of the plane's distance
 constexpr int kTrackerWindow = 25, kTrackerLevels = 3;  // of the tracker [px]
@@ -88,18 +88,25 @@ struct Coarse {
   double correlation = 0;
 };
 
-Coarse layOn(const Prepared& a, const Prepared& b) {
+Coarse layOn(const Prepared& a, const Prepared& b, const std::optional<SE3>& reckoned) {
   Coarse best;
+  const SE3 T_a_ga = a.plane.T_cam_ground(), T_b_gb = b.plane.T_cam_ground();
+  double middle = 0;
+  if (reckoned) {
+    const Eigen::Matrix3d R_ga_gb = (T_a_ga.inverse() * *reckoned * T_b_gb).matrix3();
+    middle = std::atan2(R_ga_gb(1, 0), R_ga_gb(0, 0));
+  }
+  const int turns = reckoned ? kTurnsReckoned : kTurns;
   const double cell = 0.5 * (a.plane.distance + b.plane.distance) / kCells;
   const GroundPicture fixed = layOut(a.even, a.camera, a.plane, cell, 0);
-  for (int k = 0; k < kTurns; ++k) {
-    const double turn = kMostTurn * (2.0 * k / (kTurns - 1) - 1);
+  for (int k = 0; k < turns; ++k) {
+    const double turn = middle + kTurnStep * (k - turns / 2);
     const GroundMatch match = correlate(fixed, layOut(b.even, b.camera, b.plane, cell, turn), kLeastOverlap);
     if (match.correlation <= best.correlation) continue;
     best.correlation = match.correlation;
     const SE3 T_ga_gb(Eigen::Quaterniond(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ())),
                       {match.shift.x(), match.shift.y(), 0});
-    best.T_a_b = a.plane.T_cam_ground() * T_ga_gb * b.plane.T_cam_ground().inverse();
+    best.T_a_b = T_a_ga * T_ga_gb * T_b_gb.inverse();
   }
   return best;
 }
@@ -258,9 +265,10 @@ Refusal improve(const Prepared& a, const Prepared& b, GroundAlignment& out) {
 
 }  // namespace
 
-GroundAlignment alignGround(const Camera& camera, const GroundView& view_a, const GroundView& view_b) {
+GroundAlignment alignGround(const Camera& camera, const GroundView& view_a, const GroundView& view_b,
+                            const std::optional<SE3>& reckoned) {
   const Prepared a = prepare(camera, view_a), b = prepare(camera, view_b);
-  const Coarse coarse = layOn(a, b);
+  const Coarse coarse = layOn(a, b, reckoned);
   GroundAlignment forth, back;
   forth.correlation = back.correlation = coarse.correlation;
   if (coarse.correlation <= 0) return forth;

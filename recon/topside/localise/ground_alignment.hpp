@@ -67,7 +67,9 @@ struct GroundAlignment {
 //   pictures of the ground from above ─► turn and shift that correlate best ─► b's image seen from a ─►
 //   a's points tracked into it (Lucas-Kanade, forth and back) ─► pose of least squares, by those that agree,
 // twice, the second time seen from the pose found; and the same with a and b changed. `camera`: of the mono
-// images. Same input, same result.
-[[nodiscard]] GroundAlignment alignGround(const Camera& camera, const GroundView& a, const GroundView& b);
+// images; `reckoned`: T_a_b by the vehicle's sensors, to whose turn the search is then confined. Same input,
+// same result.
+[[nodiscard]] GroundAlignment alignGround(const Camera& camera, const GroundView& a, const GroundView& b,
+                                          const std::optional<SE3>& reckoned = std::nullopt);
 
 }  // namespace fathom::topside

@@ -49,7 +49,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 25;
+constexpr std::uint32_t kLocaliseVersion = 26;
 constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
 constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
@@ -347,6 +347,7 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
     odometry = visualOdometry(input.rig, frames);
   }
   const Survey& seen = better ? put_right : survey;
+  if (!input.features_only) odometry = withGroundSteps(input, seen, frames, std::move(odometry));
   out.seconds["odometry"] = watch.lap();
   const SlamResult begun = out;
   out = Localisation(input, config, seen, frames, odometry, begun).run(images);
