@@ -228,9 +228,8 @@ TEST(NavigationBatch, DoubtsAClosureOfFewFeaturesSooner) {
     return off.kept;
   };
   EXPECT_TRUE(keptWith(50, 7));
-  EXPECT_FALSE(keptWith(38, 7));
-  EXPECT_TRUE(keptWith(38, 5));
-  EXPECT_FALSE(keptWith(22, 5));
+  EXPECT_FALSE(keptWith(38, 5));
+  EXPECT_TRUE(keptWith(38, 3));
 }
 
 // The compass leaps while the DVL is dead, which visual odometry alone shows [s], [rad].

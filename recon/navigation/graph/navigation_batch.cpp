@@ -93,10 +93,9 @@ class RobustBatch {
 
   // A closure of few features is false more often than one of many, and says less where it is right.
   [[nodiscard]] double gateOf(const NavigationLink& link) const {
-    // 99.9 % become 60 and 90 % of chi-square with 6 degrees of freedom.
-    constexpr int kFew = 40, kVeryFew = 25;
-    constexpr double kShare = 0.47, kLowShare = 0.28;
-    return (link.inliers < kVeryFew ? kLowShare : link.inliers < kFew ? kShare : 1) * config_.gate;
+    constexpr int kFew = 40;
+    constexpr double kShare = 0.28;  // 99.9 % become 60 % of chi-square with 6 degrees of freedom
+    return (link.inliers < kFew ? kShare : 1) * config_.gate;
   }
   void measure(const std::vector<SE3>& poses) {
     for (NavigationLink& link : links_) link.chi2 = chiSquareOf(edgeOf(link), poses);

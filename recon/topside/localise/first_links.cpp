@@ -145,7 +145,7 @@ std::vector<slam::NavigationLink> withGroundSteps(const MissionInput& input, con
   for (const slam::NavigationLink& link : odometry) known[link.b] = true;
   std::vector<std::uint32_t> bare;
   for (std::uint32_t k = 1; k < known.size(); ++k)
-    if (!known[k] && !frames.blank(k - 1) && !frames.blank(k)) bare.push_back(k);
+    if (!known[k]) bare.push_back(k);
   if (bare.empty()) return odometry;
   const std::vector<slam::NavigationLink> found = groundSteps(input, survey, frames, bare, true);
   odometry.insert(odometry.end(), found.begin(), found.end());
