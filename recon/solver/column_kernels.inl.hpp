@@ -30,6 +30,18 @@ FATHOM_INLINE void addTimes(Column& y, const Column& x, double s) {
   y.b += x.b * s;
 }
 
+// out -= block y, where y(j, c) is at y[down j + across c].
+FATHOM_INLINE void subtractProduct(const double* block, const double* y, int down, int across, double* out) {
+  Column x[kBlockSize];
+  for (int j = 0; j < kBlockSize; ++j) load(x[j], block + kBlockSize * j);
+  for (int c = 0; c < kBlockSize; ++c) {
+    Column sum;
+    load(sum, out + kBlockSize * c);
+    for (int j = 0; j < kBlockSize; ++j) addTimes(sum, x[j], -y[down * j + across * c]);
+    store(out + kBlockSize * c, sum);
+  }
+}
+
 void forward(const Block* blocks, const int* rows, int count, const double* x, double* y) {
   for (int k = 0; k < count; ++k) {
     const double* block = blocks[k].v;
@@ -45,17 +57,7 @@ void forward(const Block* blocks, const int* rows, int count, const double* x, d
 }
 
 void forwardSix(const Block* blocks, const int* rows, int count, const Block& x, Block* z) {
-  for (int k = 0; k < count; ++k) {
-    Column column[kBlockSize];
-    for (int j = 0; j < kBlockSize; ++j) load(column[j], blocks[k].v + kBlockSize * j);
-    double* to = z[rows[k]].v;
-    for (int c = 0; c < kBlockSize; ++c) {
-      Column sum;
-      load(sum, to + kBlockSize * c);
-      for (int j = 0; j < kBlockSize; ++j) addTimes(sum, column[j], -x.v[kBlockSize * c + j]);
-      store(to + kBlockSize * c, sum);
-    }
-  }
+  for (int k = 0; k < count; ++k) subtractProduct(blocks[k].v, x.v, 1, kBlockSize, z[rows[k]].v);
 }
 
 void backward(const Block* blocks, const int* rows, int count, const double* y, double* x) {
@@ -76,18 +78,7 @@ void backward(const Block* blocks, const int* rows, int count, const double* y, 
 
 void subtractProducts(const Block* blocks, const int* rows, int count, const Block& b, const int* place,
                       Block* to) {
-  for (int k = 0; k < count; ++k) {
-    const double* block = blocks[k].v;
-    double* out = to[place[rows[k]]].v;
-    Column x[kBlockSize];
-    for (int j = 0; j < kBlockSize; ++j) load(x[j], block + kBlockSize * j);
-    for (int c = 0; c < kBlockSize; ++c) {
-      Column sum;
-      load(sum, out + kBlockSize * c);
-      for (int j = 0; j < kBlockSize; ++j) addTimes(sum, x[j], -b.v[kBlockSize * j + c]);
-      store(out + kBlockSize * c, sum);
-    }
-  }
+  for (int k = 0; k < count; ++k) subtractProduct(blocks[k].v, b.v, kBlockSize, 1, to[place[rows[k]]].v);
 }
 
 void solveFromRight(Block* blocks, int count, const Block& l) {

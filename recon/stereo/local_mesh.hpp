@@ -23,13 +23,11 @@ struct DepthConsistencyConfig {
 // Finds outliers of a stereo frame: points with a depth that contradicts their neighbours in the triangulated
 // image. Every comparison allows for three standard deviations of the points.
 // 1. Chance, where most corners found no match: in silt a window looks like another one here and there, at
-// any
-//    depth. Two neighbours, and half of all, must agree with a point; where fewer than 20 or than half of the
-//    points have such neighbours, none is kept.
+//    any depth. Two neighbours, and half of all, must agree with a point; where fewer than 20 or than half of
+//    the points have such neighbours, none is kept.
 // 2. Mismatches, else: the inverse depth differs from the median of the neighbours' by more than three
-// standard
-//    deviations and three times their median absolute deviation, and fewer than two neighbours agree with it
-//    (at the edge of a coral head, points on either side have neighbours at their own depth).
+//    standard deviations and three times their median absolute deviation, and fewer than two neighbours agree
+//    with it (at the edge of a coral head, points on either side have neighbours at their own depth).
 // 3. Fish: points are joined where the edge between them is less steep than 63 degrees. A group is an
 //    object in mid-water when the image shows water all round it: it has no point on or beside the outline of
 //    the triangulation, and nine in ten of the edges that leave it step down, by at least 0.15 m and by the

@@ -146,7 +146,6 @@ std::vector<slam::NavigationLink> withGroundSteps(const MissionInput& input, con
   std::vector<std::uint32_t> bare;
   for (std::uint32_t k = 1; k < known.size(); ++k)
     if (!known[k]) bare.push_back(k);
-  if (bare.empty()) return odometry;
   const std::vector<slam::NavigationLink> found = groundSteps(input, survey, frames, bare, true);
   odometry.insert(odometry.end(), found.begin(), found.end());
   std::sort(odometry.begin(), odometry.end(), [](const auto& x, const auto& y) { return x.a < y.a; });
