@@ -202,5 +202,43 @@ TEST(Bridge, StepsThatNothingMeasuresGetTheVelocityOfTheImagesAboutThem) {
   EXPECT_TRUE(unjoined(inputs, links, kUnknown).empty());
 }
 
+// Of forty steps of 0.25 m whose images are too long by so much, after a check of the rig that left 0.8 %.
+ImageScale scaleOfSteps(double too_long) {
+  constexpr std::size_t kFrames = 41;
+  constexpr double kEvery = 0.5;  // [s]
+  std::mt19937 random(5);
+  std::normal_distribution<double> noise(0, 0.01);
+  TopsideConfig config;
+  config.navigation.rig.scale = 0.008;
+  config.navigation.rig.principal_point = config.navigation.rig.turn = 0;
+  Frames frames;
+  Navigation navigation;
+  std::vector<slam::NavigationLink> links;
+  for (std::size_t k = 0; k < kFrames; ++k) {
+    const double t = kEvery * static_cast<double>(k);
+    frames.pair.push_back(static_cast<std::uint32_t>(k));
+    frames.reckoned.emplace_back(Eigen::Quaterniond::Identity(), Eigen::Vector3d(kSpeed * t, 0, kTrackDepth));
+    frames.range.push_back(2);
+    frames.false_bottom.push_back(false);
+    navigation.poses.emplace_back().utc_ns = at(t);
+    if (k == 0) continue;
+    slam::NavigationLink& link = links.emplace_back();
+    link.a = static_cast<std::uint32_t>(k - 1);
+    link.b = static_cast<std::uint32_t>(k);
+    link.T_a_b =
+        SE3(Eigen::Quaterniond::Identity(), {(1 + too_long) * (kSpeed * kEvery) * (1 + noise(random)), 0, 0});
+    link.covariance = 1e-6 * Matrix6d::Identity();
+  }
+  return imageScaleOf({}, config, navigation, frames, links);
+}
+
+TEST(ImageScaleOfSteps, IsSoughtAfterACheckOfTheRigWhereAllStepsContradictIt) {
+  EXPECT_EQ(scaleOfSteps(0.015).sigma, 0);
+  const ImageScale found = scaleOfSteps(0.05);
+  EXPECT_EQ(found.steps, 40);
+  EXPECT_NEAR(found.scale * 1.05, 1, 2 * found.sigma);
+  EXPECT_LT(found.sigma, 0.004);
+}
+
 }  // namespace
 }  // namespace fathom::topside

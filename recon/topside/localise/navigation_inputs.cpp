@@ -183,11 +183,11 @@ std::optional<Retimed> retimed(const MissionInput& input, const TopsideConfig& c
 
 ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, const Navigation& navigation,
                         const Frames& frames, const std::vector<slam::NavigationLink>& of_pairs) {
+  constexpr double kContradicts = 3;  // standard deviations, of what findRig() found
   ImageScale out;
   const slam::NavigationConfig graph = graphOf(input.mission, config.navigation);
   const slam::RigPrior& rig = graph.rig;
   const double open = hypotenuse(rig.principal_point, rig.turn);
-  if (open == 0) return out;
   const std::vector<slam::KeyframeInput> inputs = inputsOf(frames, navigation);
   std::vector<slam::NavigationLink> links = of_pairs;
   for (slam::NavigationLink& link : links)
@@ -199,6 +199,7 @@ ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, 
   const double of_images = hypotenuse(rig.scale, open / rig.baseline * median(frames.range)),
                of_paths = hypotenuse(path.sigma, graph.noise.dvl_scale, inputs.front().sound_share),
                share = of_images * of_images / (of_images * of_images + of_paths * of_paths);
+  if (open == 0 && std::abs(path.longer) < kContradicts * hypotenuse(of_images, of_paths)) return out;
   out.scale = std::exp(-share * path.longer);
   out.sigma = std::sqrt(share) * of_paths;
   out.steps = path.steps;

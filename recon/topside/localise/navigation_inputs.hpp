@@ -56,8 +56,8 @@ struct Retimed {
 
 // By which ranges and paths of the images have to be multiplied, as the DVL's paths show it in a dive too
 // short or restless for findRig() to use them: the turn of one camera towards the other, which makes all
-// ranges wrong, is then what its epipolar lines leave open. Weighed by what is known of both. `of_pairs`:
-// links by pair.
+// ranges wrong, is then what its epipolar lines leave open. Weighed by what is known of both. Where findRig()
+// used some of them, it is sought if all of them contradict that. `of_pairs`: links by pair.
 struct ImageScale {
   double scale = 1, sigma = 0;  // sigma 0: not sought
   int steps = 0;
