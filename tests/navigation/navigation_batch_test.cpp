@@ -7,6 +7,7 @@
 #include <random>
 #include <stdexcept>
 
+#include "recon/solver/batch/batch_solver.hpp"
 #include "recon/solver/batch/graph_covariance.hpp"
 #include "tests/world/dive.hpp"
 #include "tests/world/graphs.hpp"
@@ -261,6 +262,36 @@ TEST(NavigationBatch, ASmallLeapWithoutBottomTrackIsTheCompasssWhereTheLinkIsCon
   EXPECT_LT(errorsOf(solved.poses, survey.truth).aligned, 0.02);
   EXPECT_EQ(solved.sensors.compass_jumps, 1U);
   EXPECT_EQ(solved.sensors.visual_rejected, 0U);
+}
+
+// Its heading was measured by a gyro to 0.2 mrad; a false link has turned it on its side.
+TEST(NavigationBatch, APoseWhoseAttitudeDoesNotCountRightsItself) {
+  const SensorNoise noise;
+  constexpr double kHeading = 2e-4, kTilt = 0.02, kUncounted = 1e-4;  // [rad], [rad], of the information
+  const Eigen::Vector3d dvl(0.1, -0.7, 0.05);
+  PoseGraph graph;
+  graph.poses.emplace_back();
+  for (int k = 1; k <= 3; ++k) {
+    const SE3 pose = SE3::fromEuler(0.1, -0.08, 0.2 * k, {0.25 * k, 0, 10});
+    graph.edges.push_back(attitudeFactor(0, k, pose, noise));
+    graph.edges.push_back(depthFactor(0, k, pose, noise.depth));
+    if (k == 2) graph.edges[graph.edges.size() - 2].information *= kUncounted;
+    if (k > 1) {
+      const SE3& before = graph.poses.back();
+      graph.edges.push_back(stepFactor(k - 1, k, before, pose, dvl, StepQuality{0.5}, noise));
+      graph.edges.push_back(gyroFactor(k - 1, k, before, pose, 0, kHeading, kTilt));
+    }
+    graph.poses.push_back(pose);
+  }
+  graph.edges.push_back(
+      fixFactor(0, 1, graph.poses[1], graph.poses[1], graph.poses[1].translation(), {0.25, 0}, 1));
+  const SE3 right = graph.poses[2];
+  for (const Eigen::Vector3d& axis : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0.6, -0.8, 0)}) {
+    graph.poses[2] = SE3(Eigen::AngleAxisd(1.3, axis) * right.rotation(), right.translation());
+    (void)optimize(graph, {.chordal = false});
+    EXPECT_LT(graph.poses[2].rotation().angularDistance(right.rotation()), 1e-3);
+    graph.poses[2] = right;
+  }
 }
 
 TEST(NavigationBatch, WithoutLinksDeadReckoningStays) {

@@ -175,9 +175,12 @@ StepTurns StepGate::turnsOf(const Keyframe& from, const Keyframe& to) const {
 
 void StepGate::addGyro(const Keyframe& from, const Keyframe& to, const StepTurns& turns) {
   if (!turns.has_gyro) return;
+  // A compass that jumped takes roll and pitch with it; what is left of them then need not be precise.
+  constexpr double kOfTilt = 10;  // standard deviations of a reading
   const double turn = wrapAngle(turns.gyro - heading_.gyroBias() * turns.seconds);
   (void)keyframes_.addFactor(gyroFactor(from.node, to.node, from.T_odom_cam, to.T_odom_cam,
-                                        turn - turns.compass, heading_.gyroSigma(turns)));
+                                        turn - turns.compass, heading_.gyroSigma(turns),
+                                        kOfTilt * keyframes_.config().noise.tilt));
 }
 
 bool StepGate::judge() {

@@ -160,12 +160,15 @@ RelativePose tiltAbout(int origin, int reference, double turn, const SensorNoise
   return measured(origin, reference, SE3(), all(kUnknown), {sigma, sigma, kUnknown});
 }
 
-RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond, double sigma) {
+RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond, double sigma,
+                        double tilt_sigma) {
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(beyond, Eigen::Vector3d::UnitZ()));
   const Eigen::Quaterniond turned = turn * T_odom_b.rotation();
   const Eigen::Vector3d down = turned.conjugate() * Eigen::Vector3d::UnitZ();
   Matrix6d information = Matrix6d::Identity() / (kUnknown * kUnknown);
-  information.bottomRightCorner<3, 3>() += down * down.transpose() / (sigma * sigma);
+  const Eigen::Matrix3d about_down = down * down.transpose();
+  information.bottomRightCorner<3, 3>() +=
+      about_down / (sigma * sigma) + (Eigen::Matrix3d::Identity() - about_down) / (tilt_sigma * tilt_sigma);
   const SE3 between(T_odom_a.rotation().conjugate() * turned, (T_odom_a.inverse() * T_odom_b).translation());
   return {a, b, between, residualInformation(information)};
 }

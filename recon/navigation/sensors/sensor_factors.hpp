@@ -144,10 +144,12 @@ inline constexpr double kGyroBias = 1e-3;
 [[nodiscard]] RelativePose tiltAbout(int origin, int reference, double turn, const SensorNoise& noise);
 
 // Turn of a camera about nav's down axis by gyro, which differs from the compass's by `beyond` [rad]:
-//   e_phi along R_nav_b^T n of T_m = T_odom_a^-1 Rz(beyond) T_odom_b about the camera, n down; the rest is
-// not measured. `sigma`: of the turn [rad].
+//   e_phi along R_nav_b^T n of T_m = T_odom_a^-1 Rz(beyond) T_odom_b about the camera, n down.
+// `sigma`: of the turn [rad]; `tilt_sigma`: of what it turned about level axes, loosely, as attitude measures
+// that. Without it the turn's narrow valley bends through all tilts, and a pose whose attitude does not count
+// may come to rest in it upside down.
 [[nodiscard]] RelativePose gyroFactor(int a, int b, const SE3& T_odom_a, const SE3& T_odom_b, double beyond,
-                                      double sigma);
+                                      double sigma, double tilt_sigma);
 
 // Depth of a camera below a level reference T_nav_ref, at the height of the sea under nav's zero (the origin:
 // 0):  e_z = n . R_m (R_m^T (T_nav_ref^-1 t_nav_cam - t_odom_cam)), n down. `sigma`: of the depth of

@@ -49,7 +49,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 28;
+constexpr std::uint32_t kLocaliseVersion = 29;
 constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
 constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
