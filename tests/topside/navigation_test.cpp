@@ -204,7 +204,7 @@ TEST(Bridge, StepsThatNothingMeasuresGetTheVelocityOfTheImagesAboutThem) {
 
 // Of forty steps of 0.25 m whose images are too long by so much, after a check of the rig that left 0.8 %.
 ImageScale scaleOfSteps(double too_long) {
-  constexpr std::size_t kFrames = 41;
+  constexpr std::size_t kExposures = 41;
   constexpr double kEvery = 0.5;  // [s]
   std::mt19937 random(5);
   std::normal_distribution<double> noise(0, 0.01);
@@ -214,7 +214,7 @@ ImageScale scaleOfSteps(double too_long) {
   Frames frames;
   Navigation navigation;
   std::vector<slam::NavigationLink> links;
-  for (std::size_t k = 0; k < kFrames; ++k) {
+  for (std::size_t k = 0; k < kExposures; ++k) {
     const double t = kEvery * static_cast<double>(k);
     frames.pair.push_back(static_cast<std::uint32_t>(k));
     frames.reckoned.emplace_back(Eigen::Quaterniond::Identity(), Eigen::Vector3d(kSpeed * t, 0, kTrackDepth));
