@@ -273,9 +273,9 @@ TEST(NavigationBatch, APoseWhoseAttitudeDoesNotCountRightsItself) {
   graph.poses.emplace_back();
   for (int k = 1; k <= 3; ++k) {
     const SE3 pose = SE3::fromEuler(0.1, -0.08, 0.2 * k, {0.25 * k, 0, 10});
-    graph.edges.push_back(attitudeFactor(0, k, pose, noise));
+    RelativePose& attitude = graph.edges.emplace_back(attitudeFactor(0, k, pose, noise));
+    if (k == 2) attitude.information *= kUncounted;
     graph.edges.push_back(depthFactor(0, k, pose, noise.depth));
-    if (k == 2) graph.edges[graph.edges.size() - 2].information *= kUncounted;
     if (k > 1) {
       const SE3& before = graph.poses.back();
       graph.edges.push_back(stepFactor(k - 1, k, before, pose, dvl, StepQuality{0.5}, noise));
