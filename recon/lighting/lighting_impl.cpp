@@ -67,6 +67,42 @@ bool LightingModel::Impl::unlit(const ImageView& image, float exposed, const Nod
   return bits == 8 ? unlitOf<std::uint8_t>(image, exposed, at) : unlitOf<std::uint16_t>(image, exposed, at);
 }
 
+template <typename T>
+void LightingModel::Impl::pullApartOf(const ImageView& image, float gain, int j, NodeRow& row) const {
+  constexpr int kCells = 3, kStep = 3;  // side of a neighbourhood; every third sample tells its mean
+  const float middle = 255 * static_cast<float>(config.target_mean);
+  const auto part = [](int cell, int cells, int sites_there) {
+    return std::array<int, 2>{std::max(cell - kCells / 2, 0) * sites_there / cells,
+                              std::min(cell + kCells / 2 + 1, cells) * sites_there / cells};
+  };
+  for (std::size_t c = 0; c < channels.size(); ++c) {
+    const Channel& sites = channels[c].statistics().channel();
+    const auto [top, bottom] = part(j, lattice.rows, sites.height);
+    for (int i = 0; i < lattice.columns; ++i) {
+      const auto [left, right] = part(i, lattice.columns, sites.width);
+      float sum = 0, count = 0;
+      for (int y = top; y < bottom; y += kStep) {
+        const T* line =
+            static_cast<const T*>(image.data) +
+            static_cast<std::size_t>(sites.row + y * sites.row_step) * (image.stride / sizeof(T)) +
+            sites.column;
+        for (int x = left; x < right; x += kStep, ++count)
+          sum += static_cast<float>(line[x * sites.column_step]);
+      }
+      Correction& at = row[c][static_cast<std::size_t>(i)];
+      at.gain *= gain;
+      at.offset = middle - at.gain * sum / std::max(count, 1.0F);
+    }
+  }
+}
+
+void LightingModel::Impl::pullApart(const ImageView& image, float gain, int j, NodeRow& row) const {
+  if (bits == 8)
+    pullApartOf<std::uint8_t>(image, gain, j, row);
+  else
+    pullApartOf<std::uint16_t>(image, gain, j, row);
+}
+
 void LightingModel::Impl::lookAt(const RangeLattice* range, NodeGround& out) const {
   for (int j = 0; j < lattice.rows; ++j)
     for (int i = 0; i < lattice.columns; ++i) {

@@ -68,6 +68,7 @@ struct Task {
   const RangeLattice* range = nullptr;   // null: unknown
   float brightness = 1;                  // of the image's light over that of the learnt images
   const FallCorrection* fall = nullptr;  // of colours
+  float texture = 1;                     // gain for matching (textureGain())
 };
 
 // A row of nodes' corrections, by channel.
@@ -130,10 +131,16 @@ struct LightingModel::Impl {
   // Whether samples are sRGB already, as in a camera's 8-bit RGB pictures.
   [[nodiscard]] bool encoded() const { return format == PixelFormat::kRgb && bits == 8; }
   void nodeRow(const Task& task, LightingKind kind, int j, NodeRow& row) const;
+  // Gives a row of nodes that gain more, about the samples' mean in the neighbourhood of each.
+  void pullApart(const ImageView& image, float gain, int j, NodeRow& row) const;
+  template <typename T>
+  void pullApartOf(const ImageView& image, float gain, int j, NodeRow& row) const;
   template <Encoding kEncoding, typename T>
   void correctImage(const Task& task, const ImageView& image, std::uint8_t* out) const;
   template <Encoding kEncoding>
   void correct(const Task& task, const ImageView& image, std::uint8_t* out) const;
+  void grey(const Task& task, const ImageView& image, std::uint8_t* mosaic, std::uint8_t* rgb,
+            std::uint8_t* grey) const;
   // Of what the ground's contrast is in each colour as it comes.
   [[nodiscard]] GreyShares greyShares() const;
   // Of the three colours, that which a channel has.

@@ -9,6 +9,7 @@
 
 #include "realtime/base/bytes/state_archive.hpp"
 #include "recon/lighting/lighting_impl.hpp"
+#include "recon/lighting/texture_gain.hpp"
 
 namespace fathom::lighting {
 namespace {
@@ -87,6 +88,10 @@ template <Encoding kEncoding, typename T>
 void LightingModel::Impl::correctImage(const Task& task, const ImageView& image, std::uint8_t* out) const {
   const LightingKind kind = used();
   NodeRow above, below, between;
+  const auto load = [&](int j, NodeRow& row) {
+    nodeRow(task, kind, j, row);
+    if (task.texture != 1) pullApart(image, task.texture, j, row);
+  };
   int loaded = -1;
   for (int y = 0; y < height; ++y) {
     const float t =
@@ -96,8 +101,8 @@ void LightingModel::Impl::correctImage(const Task& task, const ImageView& image,
       if (loaded >= 0 && j == loaded + 1)
         above = below;
       else
-        nodeRow(task, kind, j, above);
-      nodeRow(task, kind, std::min(j + 1, lattice.rows - 1), below);
+        load(j, above);
+      load(std::min(j + 1, lattice.rows - 1), below);
       loaded = j;
     }
     const float share = t - static_cast<float>(j);  // of the row below
@@ -227,16 +232,23 @@ GreyShares LightingModel::Impl::greyShares() const {
   return shares;
 }
 
-void LightingModel::grey(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic,
-                         std::uint8_t* rgb, std::uint8_t* grey, double exposure_s) const {
-  const Impl& m = *impl_;
-  if (m.format == PixelFormat::kMono) {
-    correct(image, range, grey, exposure_s);
+void LightingModel::Impl::grey(const Task& task, const ImageView& image, std::uint8_t* mosaic,
+                               std::uint8_t* rgb, std::uint8_t* grey) const {
+  if (format == PixelFormat::kMono) {
+    correct<Encoding::kLevels>(task, image, grey);
     return;
   }
-  correct(image, range, mosaic, exposure_s);
-  greyOf({mosaic, m.width, m.height, static_cast<std::size_t>(m.width * m.samples_per_pixel), m.format, 8},
-         m.greyShares(), rgb, grey);
+  correct<Encoding::kLevels>(task, image, mosaic);
+  greyOf({mosaic, width, height, static_cast<std::size_t>(width * samples_per_pixel), format, 8},
+         greyShares(), rgb, grey);
+}
+
+void LightingModel::grey(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic,
+                         std::uint8_t* rgb, std::uint8_t* grey, double exposure_s) const {
+  Task task{.range = &range, .brightness = impl_->brightness(exposure_s)};
+  impl_->grey(task, image, mosaic, rgb, grey);
+  task.texture = textureGain(grey, impl_->width, impl_->height);
+  if (task.texture != 1) impl_->grey(task, image, mosaic, rgb, grey);
 }
 
 void LightingModel::correct(const ImageView& image, std::uint8_t* out) const {

@@ -66,8 +66,8 @@ struct ImageLight {
 // bring each pixel to a target mean and deviation:
 //   out = target_mean + target_sigma (in - m) / s
 // Removes the strobes' pattern, vignetting and the water's colour (grey world), alike over the whole mission:
-// no image is normalised by itself. Works on the mosaic of a Bayer image. After Johnson-Roberson et al. 2010,
-// section 4.1.
+// no image is normalised by itself, but for grey() of one whose texture is too faint. Works on the mosaic of
+// a Bayer image. After Johnson-Roberson et al. 2010, section 4.1.
 //
 // m and s come from one of three models:
 //   whole image      one for all pixels
@@ -123,10 +123,11 @@ class LightingModel {
   void colours(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
                const ImageLight& light = {}) const;
 
-  // correct() into `mosaic`, then greyOf() into `grey` (width * height bytes). A colour of a mosaic has for
-  // share the contrast of the ground in it as it comes: corrected, red that the water took is as strong as
-  // the others again, but noisier, and a mono camera beside this one hardly sees it. `rgb` as for colours();
-  // a mono image needs neither.
+  // correct() into `mosaic`, then greyOf() into `grey` (width * height bytes); both once more with more gain
+  // and without the veil where the ground's texture is too faint for 8 bits (textureGain()). A colour of a
+  // mosaic has for share the contrast of the ground in it as it comes: corrected, red that the water took is
+  // as strong as the others again, but noisier, and a mono camera beside this one hardly sees it. `rgb` as
+  // for colours(); a mono image needs neither.
   void grey(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
             std::uint8_t* grey, double exposure_s = 0) const;
 

@@ -130,6 +130,7 @@ class NodeStatistics {
   [[nodiscard]] double outlierShare() const { return outlier_share_; }
 
   [[nodiscard]] const NodeLattice& lattice() const { return lattice_; }
+  [[nodiscard]] const Channel& channel() const { return channel_; }
   [[nodiscard]] std::size_t memoryBytes() const;
 
   // For saved state (state_archive.hpp), bit by bit: only cells with samples.

@@ -19,7 +19,7 @@
 namespace fathom::topside {
 namespace {
 
-constexpr std::uint32_t kLightingVersion = 17;  // changes with the result
+constexpr std::uint32_t kLightingVersion = 18;  // changes with the result
 constexpr int kRangePoints = 300;               // corners that show an image's ranges well enough
 
 // Of one moment, by camera.
