@@ -20,11 +20,12 @@ Eigen::Vector3d retriangulated(const StereoRig& from, const StereoRig& to, const
 }
 
 void retriangulate(const StereoRig& from, const StereoRig& to, Mesh& mesh) {
+  const auto shorter = static_cast<float>(from.baseline() / to.baseline());
   for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
     Eigen::Vector3f& vertex = mesh.vertices[k];
     const Eigen::Vector3f moved = retriangulated(from, to, vertex.cast<double>()).cast<float>();
-    const float longer = moved.z() / vertex.z();  // sigma goes with the square of the range
-    if (k < mesh.sigma.size()) mesh.sigma[k] *= longer * longer;
+    const float longer = moved.z() / vertex.z();  // sigma goes with the square of the range over the baseline
+    if (k < mesh.sigma.size()) mesh.sigma[k] *= longer * longer * shorter;
     vertex = moved;
   }
 }

@@ -229,7 +229,7 @@ const SlamResult* Dive::localised() {
     slam_ = loadSlam(file);
     slam_->seconds = store_.costs(nameOf(Stage::kLocalise))["all"];
     poses.add(file.content());
-    applyScale(slam_->scale.scale * slam_->control.scale);
+    applyRig(slam_->scale.error(), slam_->control.scale);
   }
   poses_content_ = poses.finish();
   localised_ = true;
@@ -239,13 +239,20 @@ const SlamResult* Dive::localised() {
   return slam_ ? &*slam_ : nullptr;
 }
 
-// Applies the scale that the DVL and control points gave to all that images have measured.
-void Dive::applyScale(double scale) {
-  input_.rig = grown(input_.rig, scale);
+// Applies what the DVL's paths and control points say of the rig to all that images have measured.
+void Dive::applyRig(const calibration::RangeError& error, double scale) {
+  if (error.per_metre == 0 && scale == 1) return;
+  const StereoRig before = input_.rig;
+  input_.rig = grown(calibration::withoutRangeError(before, error), scale);
   for (ColourCamera& camera : input_.colour_cameras) camera.T_cam_left = grown(camera.T_cam_left, scale);
-  prepared_->setScale(scale);
+  prepared_->setRig(before, input_.rig);
   for (auto& plane : survey_->planes)
-    if (plane) plane->distance *= scale;
+    if (plane) {
+      // Inverse depth is linear in the ray, and all of it grows alike.
+      const Eigen::Vector3d inverse =
+          plane->normal / plane->distance + error.per_metre * Eigen::Vector3d::UnitZ();
+      *plane = {inverse.normalized(), scale / inverse.norm()};
+    }
 }
 
 const std::vector<NavigatedPose>& Dive::poses() {

@@ -85,7 +85,7 @@ class Dive {
   WorkFile single(Stage stage, const Digest& key, const std::function<Costs(WorkFileWriter&)>& make);
   void run(Stage stage, const std::string& name, std::vector<StageTask> tasks, double weight);
   std::vector<StageTask> pieceTasks();
-  void applyScale(double scale);
+  void applyRig(const calibration::RangeError& error, double scale);
   [[nodiscard]] double pixelOf(std::size_t camera) const;  // on the ground [m]
   [[nodiscard]] bool textured() const { return config_.model.texture && !input_.features_only; }
   [[noreturn]] void missing(Stage stage) const;

@@ -11,7 +11,9 @@
 #include "recon/geometry/geodesy.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 #include "recon/topside/localise/navigation_inputs.hpp"
+#include "recon/topside/prepare/rig_finding.hpp"
 #include "tests/support/test_data.hpp"
+#include "tests/world/rigs.hpp"
 
 namespace fathom::topside {
 namespace {
@@ -238,6 +240,56 @@ TEST(ImageScaleOfSteps, IsSoughtAfterACheckOfTheRigWhereAllStepsContradictIt) {
   EXPECT_EQ(found.steps, 40);
   EXPECT_NEAR(found.scale * 1.05, 1, 2 * found.sigma);
   EXPECT_LT(found.sigma, 0.004);
+}
+
+// Their errors too: across the ray and along it.
+TEST(RetriangulatedFeature, IsAsTheOtherRigWouldHaveSeenIt) {
+  const StereoRig truth = test::syntheticRig();
+  const StereoRig nominal = calibration::withoutRangeError(truth, {0.01, 0.2});
+  const Eigen::Vector3d seafloor(0.3, -0.2, 2);
+  const auto seenBy = [&](const StereoRig& rig, const Eigen::Vector2d& left, double disparity) {
+    Eigen::Vector3d out;
+    double gap = 0;
+    const Eigen::Vector2d right = truth.right.project(truth.T_right_left * seafloor);
+    EXPECT_TRUE(triangulatePixels(rig, truth.left.project(seafloor) + left,
+                                  right + left + Eigen::Vector2d(disparity, 0), out, gap));
+    return out;
+  };
+  // By errors of a pixel's place, across and down, and of its disparity.
+  const auto covarianceBy = [&](const StereoRig& rig) {
+    constexpr double kOff = 0.1;
+    Eigen::Matrix3d J;
+    J << seenBy(rig, {kOff, 0}, 0), seenBy(rig, {0, kOff}, 0), seenBy(rig, {0, 0}, kOff);
+    J.colwise() -= seenBy(rig, {0, 0}, 0);
+    return Eigen::Matrix3d(J * J.transpose());
+  };
+  closure::FrameFeatures features;
+  closure::Feature& feature = features.features.emplace_back();
+  feature.point = seenBy(nominal, {0, 0}, 0).cast<float>();
+  const Eigen::Matrix3f c = covarianceBy(nominal).cast<float>();
+  feature.covariance = {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)};
+  EXPECT_GT((feature.point.cast<double>() - seafloor).norm(), 0.3);
+  retriangulate(nominal, truth, features);
+  EXPECT_LT((feature.point.cast<double>() - seafloor).norm(), 4e-5);
+  const Eigen::Matrix3d expected = covarianceBy(truth);
+  EXPECT_LT((feature.covarianceMatrix() - expected).norm(), 0.02 * expected.norm());
+}
+
+TEST(StepsOfSeafloor, LeaveOutALayerWhosePathsFitItsAltitude) {
+  std::vector<CameraOverDvl> steps(7, {0.05, -0.09});  // ranges 7 % too short, by relief or the rig
+  steps[3] = {-0.85, -0.04};                           // a link that is none
+  steps[5].path = -INFINITY, steps[6] = {0, -INFINITY};
+  const std::vector<bool> all = {true, true, true, false, true, false, false};
+  EXPECT_EQ(areOfSeafloor(steps), all);
+  // Three more over a layer at half the range that goes along at half the speed.
+  steps.insert(steps.end(), 3, {0.6, 0.63});
+  std::vector<bool> of_seafloor = areOfSeafloor(steps);
+  EXPECT_EQ(std::count(of_seafloor.begin() + 7, of_seafloor.end(), true), 0);
+  of_seafloor.resize(7);
+  EXPECT_EQ(of_seafloor, all);
+  // What all steps say is the rig's.
+  const std::vector<CameraOverDvl> turned(4, {0.6, 0.63});
+  EXPECT_EQ(areOfSeafloor(turned), std::vector<bool>(4, true));
 }
 
 }  // namespace

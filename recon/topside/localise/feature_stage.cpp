@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "realtime/base/numbers/order_statistics.hpp"
+#include "recon/calibration/rig_history.hpp"
 #include "recon/topside/input/scout_planes.hpp"
 
 namespace fathom::topside {
@@ -24,11 +25,18 @@ std::optional<double> medianRange(const Frames& frames, std::size_t frame) {
 
 }  // namespace
 
-void grow(closure::FrameFeatures& features, double scale) {
-  const auto by = static_cast<float>(scale);
+void retriangulate(const StereoRig& from, const StereoRig& to, closure::FrameFeatures& features) {
+  const double shorter = from.baseline() / to.baseline();
   for (closure::Feature& feature : features.features) {
-    feature.point *= by;
-    for (float& of : feature.covariance) of *= by * by;
+    const Eigen::Vector3d before = feature.point.cast<double>(),
+                          after = calibration::retriangulated(from, to, before);
+    // Across the ray errors go with the range, along it with its square over the baseline.
+    const double longer = after.z() / before.z();
+    Eigen::Matrix3d J = longer * Eigen::Matrix3d::Identity();
+    J.col(2) += (longer * shorter - 1) * longer * before / before.z();
+    feature.point = after.cast<float>();
+    const Eigen::Matrix3f c = (J * feature.covarianceMatrix() * J.transpose()).cast<float>();
+    feature.covariance = {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)};
   }
 }
 

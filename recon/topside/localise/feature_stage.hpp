@@ -5,6 +5,7 @@
 
 #include "firmware_if/mission/mission.hpp"
 #include "recon/closure/frame_features.hpp"
+#include "recon/geometry/stereo_rig.hpp"
 #include "recon/topside/input/survey_stage.hpp"
 
 namespace fathom::topside {
@@ -19,21 +20,22 @@ class FeatureStore {
   virtual void load(std::size_t pair, closure::FrameFeatures& out) const = 0;
 };
 
-// As a rig whose ranges are so many times as long would have triangulated them.
-void grow(closure::FrameFeatures& features, double scale);
-class GrownFeatures : public FeatureStore {
+// As `to` would have triangulated what `from` did.
+void retriangulate(const StereoRig& from, const StereoRig& to, closure::FrameFeatures& features);
+class RetriangulatedFeatures : public FeatureStore {
  public:
-  // `of` must outlive it.
-  GrownFeatures(const FeatureStore& of, double scale) : of_(of), scale_(scale) {}
+  // All must outlive it.
+  RetriangulatedFeatures(const FeatureStore& of, const StereoRig& from, const StereoRig& to)
+      : of_(of), from_(from), to_(to) {}
   [[nodiscard]] std::size_t count(std::size_t pair) const override { return of_.count(pair); }
   void load(std::size_t pair, closure::FrameFeatures& out) const override {
     of_.load(pair, out);
-    grow(out, scale_);
+    retriangulate(from_, to_, out);
   }
 
  private:
   const FeatureStore& of_;
-  double scale_;
+  const StereoRig &from_, &to_;
 };
 
 // The pairs that have a pose, by time, and where to find what they are recognised by.

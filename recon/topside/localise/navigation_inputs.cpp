@@ -196,12 +196,16 @@ ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config, 
                                         frames.pair.begin());
   const slam::PathScale path = slam::pathScaleOf(inputs, links, graph.dvl_in_camera, graph.noise);
   if (path.steps == 0) return out;
-  const double of_images = hypotenuse(rig.scale, open / rig.baseline * median(frames.range)),
+  const double range = median(frames.range);
+  const double of_images = hypotenuse(rig.scale, open / rig.baseline * range),
                of_paths = hypotenuse(path.sigma, graph.noise.dvl_scale, inputs.front().sound_share),
-               share = of_images * of_images / (of_images * of_images + of_paths * of_paths);
-  if (open == 0 && std::abs(path.longer) < kContradicts * hypotenuse(of_images, of_paths)) return out;
+               both = hypotenuse(of_images, of_paths);
+  // What findRig() knows is not so where all steps contradict it.
+  if (open == 0 && std::abs(path.longer) < kContradicts * both) return out;
+  const double share = open == 0 ? 1 : of_images * of_images / (both * both);
   out.scale = std::exp(-share * path.longer);
   out.sigma = std::sqrt(share) * of_paths;
+  out.range = range;
   out.steps = path.steps;
   return out;
 }

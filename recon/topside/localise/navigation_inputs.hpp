@@ -3,6 +3,7 @@
 #include <optional>
 #include <vector>
 
+#include "recon/calibration/rig_history.hpp"
 #include "recon/navigation/graph/navigation_batch.hpp"
 #include "recon/topside/config/topside_config.hpp"
 #include "recon/topside/input/mission_input.hpp"
@@ -54,17 +55,21 @@ struct Retimed {
                                              const Survey& survey, const FeatureStore& features,
                                              const std::vector<slam::NavigationLink>& links);
 
-// By which ranges and paths of the images have to be multiplied, as the DVL's paths show it in a dive too
-// short or restless for findRig() to use them: the turn of one camera towards the other, which makes all
-// ranges wrong, is then what its epipolar lines leave open. Weighed by what is known of both. Where findRig()
-// used some of them, it is sought if all of them contradict that. `of_pairs`: links by pair.
+// By which ranges and paths of the images have to be multiplied at the usual range, as the DVL's paths show
+// it in a dive too short or restless for findRig() to use them: the turn of one camera towards the other,
+// which makes all ranges wrong, is then what its epipolar lines leave open. Weighed by what is known of both.
+// Where findRig() used some of them, it is sought if all of them contradict that. `of_pairs`: links by pair.
 struct ImageScale {
   double scale = 1, sigma = 0;  // sigma 0: not sought
+  double range = 1;             // at which they are so, as it then is [m]
   int steps = 0;
+
+  // As that turn makes it: twice as much at twice the range.
+  [[nodiscard]] calibration::RangeError error() const { return {0, (1 - scale) / range}; }
 
   template <typename Archive, typename Self>
   static void exchange(Archive& archive, Self& self) {
-    archive(self.scale, self.sigma, self.steps);
+    archive(self.scale, self.sigma, self.range, self.steps);
   }
 };
 [[nodiscard]] ImageScale imageScaleOf(const MissionInput& input, const TopsideConfig& config,

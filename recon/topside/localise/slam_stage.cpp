@@ -49,7 +49,7 @@ void exchangeState(Archive& archive, Is<SlamResult> auto& slam) {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kLocaliseVersion = 29;
+constexpr std::uint32_t kLocaliseVersion = 30;
 constexpr std::size_t kClosureRounds = 3;     // of closures: each says where the next one looks
 constexpr std::size_t kReportedPoses = 2000;  // whose uncertainty the report has, spread over the dive
 constexpr double kAnywhere = 1000;            // standard deviation of nav's place where no fix tells it [m]
@@ -350,19 +350,19 @@ SlamResult localise(const MissionInput& input, const TopsideConfig& config, cons
   if (!input.features_only) odometry = withGroundSteps(input, seen, frames, std::move(odometry));
   out.seconds["odometry"] = watch.lap();
   const SlamResult begun = out;
-  out = Localisation(input, config, seen, frames, odometry, begun).run(images);
+  out = Localisation(input, config, seen, frames, std::move(odometry), begun).run(images);
   const ImageScale found = imageScaleOf(input, config, seen.navigation, frames, out.odometry);
   if (found.sigma == 0) return out;
-  const double scale = found.scale;
-  MissionInput grown_input = input;
-  grown_input.rig = grown(input.rig, scale);
-  const GrownFeatures grown_features(features, scale);
-  frames.features = &grown_features;
-  for (slam::NavigationLink& link : odometry) link.T_a_b = grown(link.T_a_b, scale);
+  MissionInput turned = input;
+  turned.rig = calibration::withoutRangeError(input.rig, found.error());
+  const RetriangulatedFeatures turned_features(features, input.rig, turned.rig);
+  frames = framesOf(input.mission, seen, turned_features);
+  odometry = visualOdometry(turned.rig, frames);
+  if (!input.features_only) odometry = withGroundSteps(turned, seen, frames, std::move(odometry));
   TopsideConfig known = config;
   known.navigation.rig.scale = found.sigma;
   const Costs before = out.seconds;
-  out = Localisation(grown_input, known, seen, frames, std::move(odometry), begun).run(images);
+  out = Localisation(turned, known, seen, frames, std::move(odometry), begun).run(images);
   out.scale = found;
   for (const auto& [part, seconds] : before) out.seconds[part] += seconds;
   return out;

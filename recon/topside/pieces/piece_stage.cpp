@@ -170,14 +170,11 @@ Digest pieceKey(const PieceInputs& in, const fusion::Piece& piece, const Digest&
   hasher.add(c.voxel, c.truncation, c.min_observations, c.border, c.carve, in.config->min_component);
   addModelSettings(hasher, *in.config);
   addDeviations(hasher, in, piece);
-  hasher.add(in.prepared->scale());
+  addRig(hasher, *in.input);
   if (in.input->region) hasher.add(in.input->region->identity());
   const bool textured = in.images != nullptr;
   hasher.add(textured);
-  if (textured) {
-    addRig(hasher, *in.input);
-    hasher.add(lighting);
-  }
+  if (textured) hasher.add(lighting);
   hasher.add(in.light->water.share);
   if (in.light->water.share > 0)
     for (const lighting::Attenuation& a : in.light->water.colours) hasher.add(a.power, a.per_metre);

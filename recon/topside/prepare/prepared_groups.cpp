@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdio>
 
+#include "recon/calibration/rig_history.hpp"
 #include "recon/closure/frame_features.hpp"
 #include "recon/topside/work/mesh_bytes.hpp"
 #include "recon/topside/work/saved_bytes.hpp"
@@ -48,17 +49,14 @@ PreparedGroups::PreparedGroups(std::vector<WorkFile> groups) : groups_(std::move
 void PreparedGroups::load(std::size_t pair, closure::FrameFeatures& out) const {
   const WorkFile& group = groupOf(pair);
   if (!closure::readSlot(group.read(featuresName(pair)), out)) throw DamagedWork(group.path());
-  if (scale_ != 1) grow(out, scale_);
+  if (rigs_) retriangulate(rigs_->first, rigs_->second, out);
 }
 
 Mesh PreparedGroups::mesh(std::size_t pair) const {
   const WorkFile& group = groupOf(pair);
   Mesh mesh;
   if (!loadMesh(group.read(meshName(pair)), mesh)) throw DamagedWork(group.path());
-  if (scale_ == 1) return mesh;
-  const auto scale = static_cast<float>(scale_);
-  for (Eigen::Vector3f& vertex : mesh.vertices) vertex *= scale;
-  for (float& sigma : mesh.sigma) sigma *= scale;
+  if (rigs_) calibration::retriangulate(rigs_->first, rigs_->second, mesh);
   return mesh;
 }
 
@@ -75,7 +73,7 @@ Digest PreparedGroups::content() const {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPrepareVersion = 16;
+constexpr std::uint32_t kPrepareVersion = 17;
 
 std::string sixDigits(std::size_t number) {
   std::array<char, 24> text{};

@@ -3,7 +3,9 @@
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "recon/topside/input/survey_stage.hpp"
@@ -45,9 +47,8 @@ void writePrepared(WorkFileWriter& file, std::size_t first_pair, const std::vect
 class PreparedGroups final : public FeatureStore {
  public:
   explicit PreparedGroups(std::vector<WorkFile> groups);
-  // From here on all is read so many times as large.
-  void setScale(double scale) { scale_ = scale; }
-  [[nodiscard]] double scale() const { return scale_; }
+  // From here on all that `from` triangulated is read as `to` would have.
+  void setRig(const StereoRig& from, const StereoRig& to) { rigs_.emplace(from, to); }
   // The pair has no place in the model.
   void leaveOut(std::size_t pair) { facts_[pair].has_mesh = false; }
   [[nodiscard]] std::size_t count(std::size_t pair) const override { return facts_[pair].features; }
@@ -61,7 +62,7 @@ class PreparedGroups final : public FeatureStore {
   [[nodiscard]] const WorkFile& groupOf(std::size_t pair) const { return groups_[pair / kPairsInGroup]; }
   std::vector<WorkFile> groups_;
   std::vector<PairFacts> facts_;
-  double scale_ = 1;
+  std::optional<std::pair<StereoRig, StereoRig>> rigs_;  // from, to
 };
 
 // What pairs are prepared from. All that it points to must outlive the stage.

@@ -149,24 +149,18 @@ double rangeOf(const closure::FrameFeatures& features) {
 }
 
 struct SeenStep {
-  double range = 0;
+  double range = 0;  // 0: no features
   closure::Registration link;
-  // Logarithms of the camera's over the DVL's: how far, and how high above the seafloor.
-  double by_path = 0, by_altitude = 0;
+  CameraOverDvl longer;
 };
 
 SeenStep seenStep(const Step& step, const Survey& survey, double range, const closure::Registration& link,
                   const Eigen::Vector3d& dvl_in_camera) {
   const auto pathOf = [&](const SE3& T_a_b) { return (T_a_b * dvl_in_camera - dvl_in_camera).norm(); };
-  return {range, link, std::log(pathOf(link.T_a_b) / pathOf(step.T_nav_a.inverse() * step.T_nav_b)),
-          std::log(range / survey.planes[step.b]->ahead())};
-}
-
-// A rig makes paths and ranges too long alike, but for relief. A DVL that took a layer in the water for the
-// seafloor has an altitude that fits no path.
-bool isOfSeafloor(const SeenStep& seen) {
-  constexpr double kMost = 0.25;  // logarithm
-  return std::abs(seen.by_path - seen.by_altitude) < kMost;
+  return {range,
+          link,
+          {std::log(pathOf(link.T_a_b) / pathOf(step.T_nav_a.inverse() * step.T_nav_b)),
+           std::log(range / survey.planes[step.b]->ahead())}};
 }
 
 // By how much ranges are too long by both of the DVL's measurements, paths and altitudes: by that which says
@@ -177,8 +171,8 @@ double tooLongByBoth(const std::vector<SeenStep>& seen) {
   std::vector<double> by_path, by_altitude;
   for (const SeenStep& one : seen) {
     if (!one.link.accepted()) continue;
-    by_path.push_back(one.by_path);
-    by_altitude.push_back(one.by_altitude);
+    by_path.push_back(one.longer.path);
+    by_altitude.push_back(one.longer.altitude);
   }
   const double path = median(std::move(by_path)), altitude = median(std::move(by_altitude));
   const double both = std::min(std::abs(path), std::abs(altitude));
@@ -237,9 +231,13 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
       const closure::Registration& link =
           registrar.process(a, b, stepPrior(step.T_nav_a.inverse() * step.T_nav_b));
       seen[k] = seenStep(step, survey, rangeOf(b), link, dvl_in_camera);
-      if (!isOfSeafloor(seen[k])) seen[k].link.refusal = closure::Refusal::kContradiction;
     }
   });
+  std::vector<CameraOverDvl> longer;
+  for (const SeenStep& one : seen) longer.push_back(one.longer);
+  const std::vector<bool> of_seafloor = areOfSeafloor(longer);
+  for (std::size_t k = 0; k < seen.size(); ++k)
+    if (!of_seafloor[k]) seen[k].link.refusal = closure::Refusal::kContradiction;
   slam::RigPrior prior = config.navigation.rig;
   prior.baseline = turned.rig.baseline();
   prior.turn = out.yaw_sigma;
@@ -270,6 +268,18 @@ bool addRange(const MissionInput& input, const TopsideConfig& config, const Surv
 }
 
 }  // namespace
+
+std::vector<bool> areOfSeafloor(std::span<const CameraOverDvl> steps) {
+  constexpr double kMost = 0.25;  // logarithm
+  std::vector<double> altitudes;
+  for (const CameraOverDvl& step : steps)
+    if (std::isfinite(step.altitude)) altitudes.push_back(step.altitude);
+  const double usual = median(std::move(altitudes));
+  std::vector<bool> out;
+  for (const CameraOverDvl& step : steps)
+    out.push_back(std::abs(step.path - step.altitude) < kMost && std::abs(step.altitude - usual) < kMost);
+  return out;
+}
 
 // In turns: epipolar lines take a part of a wrong principal point for a turn, as lenses that distort let it
 // seem one.

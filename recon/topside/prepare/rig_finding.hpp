@@ -3,7 +3,9 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "recon/calibration/rig_history.hpp"
 #include "recon/geometry/stereo_rig.hpp"
@@ -44,6 +46,14 @@ inline constexpr std::size_t kRigPairs = 40, kMovedRigPairs = 120, kLeastRigStep
                              kRigShare = 5;
 [[nodiscard]] RigFinding findRig(const MissionInput& input, const TopsideConfig& config, const Survey& survey,
                                  const LightingModels& models);
+// Of a step: logarithms of the camera's over the DVL's, of how far and of how high above the seafloor.
+struct CameraOverDvl {
+  double path = 0, altitude = 0;  // not finite: unknown
+};
+// Which steps the DVL measured over the seafloor. A rig makes paths and ranges too long alike, and all of
+// them, but for relief; over a layer in the water that the DVL took for the seafloor its altitude fits no
+// path, or, as the layer drifts, a path and not the other altitudes.
+[[nodiscard]] std::vector<bool> areOfSeafloor(std::span<const CameraOverDvl> steps);
 // As it stands in this dive.
 [[nodiscard]] StereoRig rigAsFound(const StereoRig& rig, const RigFinding& found);
 // What is then still open of it.
