@@ -19,14 +19,15 @@ namespace {
 constexpr int kSparseLevels = 3;  // of the pyramids: the coarsest is a quarter of the size
 constexpr double kTopPixel = 1 << (kSparseLevels - 1);  // [px]
 // Of the wanted points: with fewer, the ground is blurred, faint, or not where the altitude says.
-constexpr double kFewPoints = 0.25, kHalfOfPoints = 0.5;
+constexpr double kFewPoints = 0.25, kEnoughPoints = 0.75;
+constexpr int kMoreCorners = 4;  // times as many
 constexpr int kMaxFeatures = 5000;
 constexpr double kHalfPi = 1.5707963267948966;
 constexpr int kViewNodes = 24;  // a side, of the lattice that finds what both cameras see
 
 // Of any look.
 int mostFeatures(const SparseStereoConfig& c) {
-  return c.look_again ? std::min(2 * c.max_features, kMaxFeatures) : c.max_features;
+  return c.look_again ? std::min(kMoreCorners * c.max_features, kMaxFeatures) : c.max_features;
 }
 
 // Of the window's middle, which must converge to the same position.
@@ -308,10 +309,11 @@ const StereoResult& SparseStereo::process(const ImageView& left, const ImageView
     m.process(look, left.mask, corners, m.further);
     if (m.further.points.size() > m.result.points.size()) std::swap(m.result, m.further);
   };
-  if (m.config.look_again && mostFeatures(m.config) > quota && !fewer(kFewPoints) && fewer(kHalfOfPoints))
-    lookAgain(m.lookAt(0, m.about_altitude, plane), mostFeatures(m.config));
+  const int more = m.config.look_again ? mostFeatures(m.config) : quota;
+  if (more > quota && !fewer(kFewPoints) && fewer(kEnoughPoints))
+    lookAgain(m.lookAt(0, m.about_altitude, plane), more);
   for (int level = 1; fewer(kFewPoints) && level < m.left_pyramid.levels(); ++level)
-    lookAgain(m.lookAt(level, m.anywhere, m.wide.plane), quota);
+    lookAgain(m.lookAt(level, m.anywhere, m.wide.plane), more);
   return m.result;
 }
 

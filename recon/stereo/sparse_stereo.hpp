@@ -33,7 +33,7 @@ struct SparseStereoConfig {
   double max_slope = 1.396;      // between a triangle's normal and the line of sight [rad]: 80 deg; a steeper
                                  // triangle spans a gap between surfaces
   int min_patch_points = 6;      // smaller isolated groups of points are dropped
-  bool look_again = false;       // with twice the corners, at a pair that gives fewer than half of the points
+  bool look_again = false;       // with four times the corners, at a pair that gives too few points
   double max_fish_length = 0.6;  // longest object in mid-water that is dropped as a fish [m]; 0: none
 };
 
@@ -83,8 +83,9 @@ struct StereoResult {
 // 5. Mismatches and fish are dropped (DepthConsistency), the rest is triangulated in the image (LocalMesh).
 // A pair that gives less than a quarter of the wanted points is looked at again at half and then at a quarter
 // of its size, between all configured ranges: the ground is blurred, fainter than the noise of single pixels,
-// or not where the altitude says. With look_again, one that gives less than half of them is looked at again
-// with twice the corners: where contrast is low most match no other, and those next in strength are as good.
+// or not where the altitude says. With look_again, one that gives less than three quarters of them is looked
+// at again with four times the corners, in these looks too: where contrast is low most match no other, and
+// those next in strength are as good.
 // The look with most points counts.
 //
 // Work. The images cost the same in every frame: pyramids and corners, some 3 ms for a full-size pair. A

@@ -73,7 +73,7 @@ Digest PreparedGroups::content() const {
 namespace {
 
 // Changes whenever the same inputs and settings give another result.
-constexpr std::uint32_t kPrepareVersion = 17;
+constexpr std::uint32_t kPrepareVersion = 18;
 
 std::string sixDigits(std::size_t number) {
   std::array<char, 24> text{};
