@@ -247,6 +247,7 @@ void LightingModel::grey(const ImageView& image, const RangeLattice& range, std:
                          std::uint8_t* rgb, std::uint8_t* grey, double exposure_s) const {
   Task task{.range = &range, .brightness = impl_->brightness(exposure_s)};
   impl_->grey(task, image, mosaic, rgb, grey);
+  if (used() == LightingKind::kNone) return;
   task.texture = textureGain(grey, impl_->width, impl_->height);
   if (task.texture != 1) impl_->grey(task, image, mosaic, rgb, grey);
 }

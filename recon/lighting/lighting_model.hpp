@@ -124,7 +124,8 @@ class LightingModel {
                const ImageLight& light = {}) const;
 
   // correct() into `mosaic`, then greyOf() into `grey` (width * height bytes); both once more with more gain
-  // and without the veil where the ground's texture is too faint for 8 bits (textureGain()). A colour of a
+  // and without the veil where the ground's texture is too faint for 8 bits (textureGain()), but before the
+  // first image, which may be of a board. A colour of a
   // mosaic has for share the contrast of the ground in it as it comes: corrected, red that the water took is
   // as strong as the others again, but noisier, and a mono camera beside this one hardly sees it. `rgb` as
   // for colours(); a mono image needs neither.
