@@ -288,8 +288,12 @@ TEST(StepsOfSeafloor, LeaveOutALayerWhosePathsFitItsAltitude) {
   of_seafloor.resize(7);
   EXPECT_EQ(of_seafloor, all);
   // What all steps say is the rig's.
-  const std::vector<CameraOverDvl> turned(4, {0.6, 0.63});
+  std::vector<CameraOverDvl> turned(4, {0.6, 0.63});
   EXPECT_EQ(areOfSeafloor(turned), std::vector<bool>(4, true));
+  // In a long dive most steps are not looked at.
+  turned.resize(40);
+  of_seafloor = areOfSeafloor(turned);
+  EXPECT_EQ(std::count(of_seafloor.begin(), of_seafloor.end(), true), 4);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -48,7 +49,7 @@ inline constexpr std::size_t kRigPairs = 40, kMovedRigPairs = 120, kLeastRigStep
                                  const LightingModels& models);
 // Of a step: logarithms of the camera's over the DVL's, of how far and of how high above the seafloor.
 struct CameraOverDvl {
-  double path = 0, altitude = 0;  // not finite: unknown
+  double path = NAN, altitude = NAN;  // not finite: unknown
 };
 // Which steps the DVL measured over the seafloor. A rig makes paths and ranges too long alike, and all of
 // them, but for relief; over a layer in the water that the DVL took for the seafloor its altitude fits no
