@@ -83,11 +83,8 @@ bool addFeature(const StereoMatcher& matcher, const Eigen::Vector2d& left, const
                 double place_sigma, float size, std::vector<Feature>& features) {
   const Eigen::Matrix3f c = matcher.pointCovariance(left, match, place_sigma).cast<float>();
   if (!(c.determinant() > 0)) return false;
-  features.push_back({left.cast<float>(),
-                      match.right.cast<float>(),
-                      match.point.cast<float>(),
-                      {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)},
-                      size});
+  features.push_back(
+      {left.cast<float>(), match.right.cast<float>(), match.point.cast<float>(), upperTriangle(c), size});
   return true;
 }
 

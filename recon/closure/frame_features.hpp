@@ -17,6 +17,11 @@ constexpr std::size_t kDescriptorBytes = std::tuple_size_v<RootSift>;
 // Cells of the left image: features are spread over them, and coverage counts those with inliers.
 constexpr int kCellsAcross = 8, kCellsDown = 6;
 
+// Of a covariance: xx, xy, xz, yy, yz, zz.
+[[nodiscard]] inline std::array<float, 6> upperTriangle(const Eigen::Matrix3f& c) {
+  return {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)};
+}
+
 // A place that both cameras of one stereo frame see.
 struct Feature {
   Eigen::Vector2f left, right;      // distorted pixels

@@ -125,10 +125,9 @@ class LightingModel {
 
   // correct() into `mosaic`, then greyOf() into `grey` (width * height bytes); both once more with more gain
   // and without the veil where the ground's texture is too faint for 8 bits (textureGain()), but before the
-  // first image, which may be of a board. A colour of a
-  // mosaic has for share the contrast of the ground in it as it comes: corrected, red that the water took is
-  // as strong as the others again, but noisier, and a mono camera beside this one hardly sees it. `rgb` as
-  // for colours(); a mono image needs neither.
+  // first image, which may be of a board. A colour of a mosaic has for share the contrast of the ground in it
+  // as it comes: corrected, red that the water took is as strong as the others again, but noisier, and a mono
+  // camera beside this one hardly sees it. `rgb` as for colours(); a mono image needs neither.
   void grey(const ImageView& image, const RangeLattice& range, std::uint8_t* mosaic, std::uint8_t* rgb,
             std::uint8_t* grey, double exposure_s = 0) const;
 

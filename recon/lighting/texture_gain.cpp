@@ -30,20 +30,20 @@ float spreadOf(const std::uint8_t* block, std::size_t width) {
 }  // namespace
 
 float textureGain(const std::uint8_t* grey, int width, int height) {
-  constexpr float kLeast = 4, kMost = 16;                 // least spread that is enough [levels]; gain
-  constexpr float kPerLevel = 16;                         // classes of spread
-  std::array<int, std::size_t{16}* 4 + 1> of_class = {};  // blocks; the last: enough
+  constexpr int kLeast = 4, kPerLevel = 16;  // least spread that is enough [levels]; its classes
+  constexpr float kMost = 16;
+  std::array<int, kLeast* kPerLevel + 1> of_class = {};  // blocks; the last: enough
   int blocks = 0;
   for (int y = 0; y + kTextureBlock <= height; y += 2 * kTextureBlock)
     for (int x = 0; x + kTextureBlock <= width; x += 2 * kTextureBlock, ++blocks) {
       const auto stride = static_cast<std::size_t>(width);
       const float spread = spreadOf(grey + static_cast<std::size_t>(y) * stride + x, stride);
-      ++of_class[static_cast<std::size_t>(kPerLevel * std::min(spread, kLeast))];
+      ++of_class[static_cast<std::size_t>(kPerLevel * std::min(spread, float{kLeast}))];
     }
   if (blocks == 0) return 1;
   std::size_t median = 0;
   for (int below = of_class[0]; 2 * below < blocks; below += of_class[median]) ++median;
-  return std::clamp(kLeast * kPerLevel / (static_cast<float>(median) + 0.5F), 1.0F, kMost);
+  return std::clamp(float{kLeast * kPerLevel} / (static_cast<float>(median) + 0.5F), 1.0F, kMost);
 }
 
 }  // namespace fathom::lighting

@@ -266,8 +266,7 @@ TEST(RetriangulatedFeature, IsAsTheOtherRigWouldHaveSeenIt) {
   closure::FrameFeatures features;
   closure::Feature& feature = features.features.emplace_back();
   feature.point = seenBy(nominal, {0, 0}, 0).cast<float>();
-  const Eigen::Matrix3f c = covarianceBy(nominal).cast<float>();
-  feature.covariance = {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)};
+  feature.covariance = closure::upperTriangle(covarianceBy(nominal).cast<float>());
   EXPECT_GT((feature.point.cast<double>() - seafloor).norm(), 0.3);
   retriangulate(nominal, truth, features);
   EXPECT_LT((feature.point.cast<double>() - seafloor).norm(), 4e-5);

@@ -35,8 +35,8 @@ void retriangulate(const StereoRig& from, const StereoRig& to, closure::FrameFea
     Eigen::Matrix3d J = longer * Eigen::Matrix3d::Identity();
     J.col(2) += (longer * shorter - 1) * longer * before / before.z();
     feature.point = after.cast<float>();
-    const Eigen::Matrix3f c = (J * feature.covarianceMatrix() * J.transpose()).cast<float>();
-    feature.covariance = {c(0, 0), c(0, 1), c(0, 2), c(1, 1), c(1, 2), c(2, 2)};
+    const Eigen::Matrix3d covariance = J * feature.covarianceMatrix() * J.transpose();
+    feature.covariance = closure::upperTriangle(covariance.cast<float>());
   }
 }
 
